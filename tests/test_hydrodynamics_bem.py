@@ -8,8 +8,7 @@ import pytest
 
 pytest.importorskip("capytaine")
 
-from taichi_sim.hydro.far_field import mean_drift
-from taichi_sim.hydro.problem import Tank, solve
+from taichi_sim.hydro.problem import Tank, mean_drift, solve
 from taichi_sim.hydro.surface import WettedSurface, turned_matrix
 from taichi_sim.usv.hull.database import HydroDatabase
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof

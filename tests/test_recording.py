@@ -15,8 +15,7 @@ from rerun.chunk import RrdReader
 from rl.learn.progress import read_history
 from rl.missions.formation.figures import write_figures
 from taichi_sim.recording import Episode, Event, Medium, Scene, TeamTrack, write_recording
-from taichi_sim.recording.sea_grid import SeaGrid
-from taichi_sim.recording.sea_patch import OFF_CRESTS
+from taichi_sim.recording.sea_patch import OFF_CRESTS, SeaGrid
 
 RADIUS_M, AMPLITUDE_M, WAVENUMBER = 80.0, 0.4, 0.3
 ACTIONS = {"usv": ("thrust", "turn"), "uav": ("aileron", "elevator", "rudder", "throttle")}

@@ -19,7 +19,7 @@ from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.recording import Airframe, Episode, write_recording
 from taichi_sim.recording.arrows import metres_per_second_per_metre
 from taichi_sim.recording.bodies import aircraft
-from taichi_sim.recording.sea_grid import SeaGrid
+from taichi_sim.recording.sea_patch import SeaGrid
 from taichi_sim.recording.vehicles import smooth_course
 from taichi_sim.uav.aircraft import Aircraft
 from taichi_sim.usv.vessel import Vessel

@@ -15,13 +15,11 @@ from rl.evaluation.record import _events
 from rl.mission import Endings
 from taichi_sim.recording import Body, Episode, Force, Signal, write_recording
 from taichi_sim.recording.arrows import newtons_per_metre, round_scale
-from taichi_sim.recording.bodies import body_mesh
+from taichi_sim.recording.bodies import above, below, body_mesh, lid, shell
 from taichi_sim.recording.recorder import forces_of, signals_of
-from taichi_sim.recording.sea_grid import SeaGrid
-from taichi_sim.recording.sea_patch import Cadence, SeaPatch
+from taichi_sim.recording.sea_patch import ROUND_M, Cadence, SeaGrid, SeaPatch
 from taichi_sim.recording.stream import Stream
-from taichi_sim.recording.vessel import above, below, lid, shell
-from taichi_sim.recording.water_lines import ABOVE_WATER, NEWEST, ROUND_M, WAKE_OFF
+from taichi_sim.recording.vehicles import ABOVE_WATER, NEWEST, WAKE_OFF
 from taichi_sim.usv.hull.mesh import BoxHull, TwinPontoons, mesh
 from taichi_sim.vehicle import Vehicle
 

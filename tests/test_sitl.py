@@ -16,11 +16,10 @@ from test_recording import column
 
 from taichi_sim.config import AirConfig, ConfigError, SeaConfig
 from taichi_sim.conventions import GRAVITY
+from taichi_sim.sitl.ardupilot import PacketError, Session, pack, parse
 from taichi_sim.sitl.channels import read_channels
-from taichi_sim.sitl.craft import Craft
-from taichi_sim.sitl.packets import PacketError, Servos, pack, parse
+from taichi_sim.sitl.craft import Craft, Servos
 from taichi_sim.sitl.record import CraftRecording, CraftView
-from taichi_sim.sitl.session import Session
 from taichi_sim.vehicles import load_vehicle
 
 ME, OTHER_PORT, STRANGER = ("127.0.0.1", 5501), ("127.0.0.1", 5777), ("10.0.0.9", 5501)

@@ -11,8 +11,15 @@ import pytest
 from taichi_sim.commands import trials
 from taichi_sim.trials import flight, ship
 from taichi_sim.trials.basin import Setting
-from taichi_sim.trials.criteria import criteria, first_overshoot_limit, second_overshoot_limit
-from taichi_sim.trials.figures import Outcome, TrialError, crossing, peaks
+from taichi_sim.trials.figures import (
+    Outcome,
+    TrialError,
+    criteria,
+    crossing,
+    first_overshoot_limit,
+    peaks,
+    second_overshoot_limit,
+)
 from taichi_sim.vehicles import load_vehicle
 
 pytestmark = pytest.mark.usefixtures("f64")

@@ -29,11 +29,10 @@ from taichi_sim.config import ConfigError
 from taichi_sim.config.base import MissingExtraError
 from taichi_sim.conventions import GRAVITY, RHO_SEA
 from taichi_sim.hydro import compute, hull
-from taichi_sim.hydro.fit import ENERGY
+from taichi_sim.hydro.fit import ENERGY, FitError
+from taichi_sim.hydro.hull import vehicle_text
 from taichi_sim.hydro.mesh_file import UNITS
 from taichi_sim.hydro.run import require_capytaine
-from taichi_sim.hydro.search import FitError
-from taichi_sim.hydro.vehicle import vehicle_text
 from taichi_sim.usv.hull.database import HydroDatabase, database_file, hull_hash
 
 DT = 1e-3  # s, step for loading a hull, of which only the panels are used

@@ -59,12 +59,11 @@ def shares(texts: list[str], option: str) -> dict[str, float]:
     for text in texts:
         key, _, value = text.partition("=")
         try:
-            number = float(value)
+            found[key] = float(value)
         except ValueError:
-            number = 0.0
-        if not 0 < number < 100:
+            found[key] = 0.0
+        if not 0 < found[key] < 100:
             raise ConfigError(f"{option} {text}: expected KEY=NUMBER above 0, for example {option} mass=0.02")
-        found[key] = number
     return found
 
 
@@ -99,12 +98,11 @@ def lines(found: Fit, logs: list[Log]) -> list[str]:
         pairs = ", ".join(f"{found.keys[j]} and {found.keys[i]} ({found.correlation[i, j]:+.3f})" for i, j in close)
         told.append(f"  hard to tell apart (correlation): {pairs}")
     told += [f"  {line}" for line in of_starts(found)]
-    s = found.sigma
-    told.append(f"  errors of measurement: {s[0]:.3g} and {s[1]:.3g} m, {np.degrees(s[2]):.3g} deg, "
-                f"{np.degrees(s[3]):.3g} deg/s")  # fmt: skip
+    north, east, heading, rate = *found.sigma[:2], *np.degrees(found.sigma[2:])
+    told.append(f"  errors of measurement: {north:.3g} and {east:.3g} m, {heading:.3g} deg, {rate:.3g} deg/s")
     for log, (north, east) in zip(logs, found.currents, strict=True):
-        told.append(f"  {log.name}: current {np.hypot(north, east):.2f} m/s to "
-                    f"{np.degrees(np.arctan2(east, north)) % 360:.0f} deg")  # fmt: skip
+        towards = np.degrees(np.arctan2(east, north)) % 360
+        told.append(f"  {log.name}: current {np.hypot(north, east):.2f} m/s to {towards:.0f} deg")
     if found.odd:
         told.append("  logs of one boat would not ask for such different numbers (another boat, load or sea?):")
     for log, change in found.odd.items():
@@ -126,8 +124,8 @@ def of_held_out(found: Fit) -> str:
 
 def _rms(left: np.ndarray) -> str:
     """Residuals rms [4] of position (both components together), heading and yaw rate."""
-    return (f"{np.hypot(left[0], left[1]):.3g} m, {np.degrees(left[2]):.3g} deg, "
-            f"{np.degrees(left[3]):.3g} deg/s rms")  # fmt: skip
+    heading, rate = np.degrees(left[2:])
+    return f"{np.hypot(left[0], left[1]):.3g} m, {heading:.3g} deg, {rate:.3g} deg/s rms"
 
 
 def _largest(change: np.ndarray) -> list[int]:
@@ -238,17 +236,14 @@ def run(args: argparse.Namespace) -> None:
     for k, log in enumerate(every := [*logs, *tests]):
         if log.digest in {other.digest for other in every[:k]}:
             raise ConfigError(f"{log.name} is given twice")
-    found = fit(
-        args.vehicle, logs, {key: given.get(key, PRIOR) for key in keys}, seconds=args.window, starts=args.starts,
-        tests=tests,
-    )  # fmt: skip
+    priors = {key: given.get(key, PRIOR) for key in keys}
+    found = fit(args.vehicle, logs, priors, seconds=args.window, starts=args.starts, tests=tests)
     print("\n".join([f"{args.vehicle}, {len(logs)} logs", *lines(found, logs)]))
     if args.report is not None:
         from taichi_sim.commands.fit_page import page_of  # matplotlib takes a second
 
-        args.report.write_text(
-            page_of(args.vehicle, found, logs, of_held_out(found), of_starts(found)), encoding="utf-8"
-        )
+        text = page_of(args.vehicle, found, logs, of_held_out(found), of_starts(found))
+        args.report.write_text(text, encoding="utf-8")
         print(args.report)
     if args.out is not None:
         args.out.write_text(written(file, found, logs), encoding="utf-8")

@@ -20,15 +20,11 @@ def page_of(vehicle: str, found: Fit, logs: list[Log], held_out: str, starts: li
             section("Residuals", _residuals(found)),
             section("Starts", *(paragraph(line) for line in starts)),
             *(section(log.name, _about(found, k, log), _tracks(found.tracks, k, log)) for k, log in enumerate(logs)),
-            *(
-                section(f"Test: {test.log.name}", _result(test), _tracks(test.tracks, len(logs) + k, test.log))
-                for k, test in enumerate(found.tests)
-            ),
         ]
-    lead = paragraph(
-        f"{len(logs)} logs, {len(found.tracks)} windows; {held_out}. Method and assumptions: docs/fit.md.", "faint"
-    )
-    return page(f"{vehicle}, fitted to logs", lead, parts)
+        for k, test in enumerate(found.tests, len(logs)):
+            parts.append(section(f"Test: {test.log.name}", _result(test), _tracks(test.tracks, k, test.log)))
+    lead = f"{len(logs)} logs, {len(found.tracks)} windows; {held_out}. Method and assumptions: docs/fit.md."
+    return page(f"{vehicle}, fitted to logs", paragraph(lead, "faint"), parts)
 
 
 def _numbers(found: Fit) -> str:

@@ -24,7 +24,8 @@ import socket
 import sys
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from functools import partial
 from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
@@ -34,10 +35,9 @@ from taichi_sim.config import ConfigError
 from taichi_sim.config.base import MissingExtraError
 from taichi_sim.kernels import runtime
 from taichi_sim.sea import SteepSeaError
+from taichi_sim.sitl.ardupilot import Session
 from taichi_sim.sitl.channels import PWM, changes_for, read_channels
-from taichi_sim.sitl.craft import Craft
-from taichi_sim.sitl.packets import Sensors, Servos
-from taichi_sim.sitl.session import Session
+from taichi_sim.sitl.craft import Craft, Sensors, Servos
 from taichi_sim.vehicles import load_vehicle
 
 if TYPE_CHECKING:
@@ -104,60 +104,63 @@ def port_of(args: argparse.Namespace, k: int) -> int:
     return (args.port or first) + step * k
 
 
-def bound(args: argparse.Namespace, wire: socket.socket, k: int) -> socket.socket:
-    """`wire`, bound to the address of instance k.
-
-    Raises:
-        ConfigError: if the port is taken.
-    """
-    try:
-        wire.bind((args.address, port_of(args, k)))
-    except OSError as error:
-        raise ConfigError(f"--address {args.address} --port {port_of(args, k)}: {error.strerror or error}") from None
-    return wire
-
-
 def serve(args: argparse.Namespace) -> None:
-    """Serve PX4s until Ctrl-C, or for --duration seconds of simulated time, one connection an instance.
+    """Serve autopilots until Ctrl-C, or for --duration seconds of simulated time.
 
     Raises:
         ConfigError: for bad input, or a port that is taken.
-        MissingExtraError: if pymavlink is not installed.
+        MissingExtraError: if PX4 is to be served and pymavlink is not installed.
     """
-    from taichi_sim.sitl.px4 import Px4Session, mavlink
-
-    mavlink()
     with ExitStack() as open_things:
         wires = open_things.enter_context(selectors.DefaultSelector())
-        sessions: list[Px4Session] = []
-        for k in range(args.instances):
-            door = open_things.enter_context(socket.socket(socket.AF_INET, socket.SOCK_STREAM))
-            door.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            bound(args, door, k).listen(1)
-            session = Px4Session(craft_of(args), seed=args.seed)
-            fit_out(args, open_things, session, k)
-            sessions.append(session)
-            wires.register(door, selectors.EVENT_READ, (session, door))
-        _warn_of_others(args)
+        sessions = [_opened(args, k, wires, open_things) for k in range(args.instances)]
+        if not ip_address(args.address).is_loopback:
+            print(f"{args.address} is open to other machines: whoever sends first drives the vehicle", file=sys.stderr)
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C, so that files are completed
         printed, began = time.monotonic(), time.monotonic()
         while True:
             for key, _ in wires.select(timeout=min(PRINT_EVERY, *(s.tick() for s in sessions))):
-                session, door = key.data
-                wire = key.fileobj
-                assert isinstance(wire, socket.socket)
-                if wire is door:
-                    _let_in(door, session, wires, open_things)
-                elif not _hear(wire, session):
-                    session.disconnect()
-                    wires.unregister(wire)
-                    wire.close()
+                key.data()
             if not args.quiet and time.monotonic() - printed > PRINT_EVERY:
                 printed = time.monotonic()
                 for session in sessions:
-                    print(_state_of_px4(session, printed - began), flush=True)
+                    print(session.state(printed - began), flush=True)
             if args.duration and all(s.last and s.craft.frames >= args.duration * s.craft.rate for s in sessions):
                 return
+
+
+def _opened(
+    args: argparse.Namespace, k: int, wires: selectors.BaseSelector, open_things: ExitStack
+) -> "Session | Px4Session":
+    """Instance k, which listens: for packets of an ArduPilot, or for the connection of a PX4."""
+    px4 = args.protocol == "px4"
+    wire = socket.socket(socket.AF_INET, socket.SOCK_STREAM if px4 else socket.SOCK_DGRAM)
+    open_things.enter_context(wire)
+    if px4:
+        wire.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        wire.bind((args.address, port_of(args, k)))
+    except OSError as error:
+        raise ConfigError(f"--address {args.address} --port {port_of(args, k)}: {error.strerror or error}") from None
+    if px4:
+        from taichi_sim.sitl.px4 import Px4Session
+
+        wire.listen(1)
+        session = Px4Session(craft_of(args), seed=args.seed)
+        wires.register(wire, selectors.EVENT_READ, partial(_let_in, wire, session, wires, open_things))
+    else:
+        session = Session(craft_of(args))
+        wires.register(wire, selectors.EVENT_READ, partial(_answer, wire, session))
+    fit_out(args, open_things, session, k)
+    return session
+
+
+def _answer(wire: socket.socket, session: Session) -> None:
+    """Answer a packet."""
+    data, sender = wire.recvfrom(LARGEST)
+    answer = session.receive(data, sender)
+    if answer is not None:
+        wire.sendto(answer, sender)
 
 
 def _let_in(door: socket.socket, session: "Px4Session", wires: selectors.BaseSelector, open_things: ExitStack) -> None:
@@ -176,69 +179,21 @@ def _let_in(door: socket.socket, session: "Px4Session", wires: selectors.BaseSel
         except OSError:  # it has gone; reading says so, too
             session.disconnect()
 
-    wires.register(wire, selectors.EVENT_READ, (session, door))
+    wires.register(wire, selectors.EVENT_READ, partial(_hear, wire, session, wires))
     session.connect(send)
 
 
-def _hear(wire: socket.socket, session: "Px4Session") -> bool:
-    """Handle the bytes that have arrived; return whether the connection is still open."""
-    try:
+def _hear(wire: socket.socket, session: "Px4Session", wires: selectors.BaseSelector) -> None:
+    """Handle the bytes that have arrived, or the end of the connection."""
+    data = b""
+    with suppress(OSError):
         data = wire.recv(LARGEST)
-    except OSError:
-        return False
     if data:
         session.receive(data)
-    return bool(data) and session.connected
-
-
-def _state_of_px4(session: "Px4Session", seconds: float) -> str:
-    c = session.counts
-    refused = "".join(f"; refused {n}: {why}" for why, n in c.refused.items())
-    if not session.connected:
-        return f"waiting for PX4{refused}"
-    return (
-        f"t {session.craft.frames / session.craft.rate:.1f} s, {c.frames} frames ({c.frames / seconds:.0f}/s), "
-        f"{c.waiting} before the first controls, sent again {c.resent}, late {c.late}, restarts {c.restarts}{refused}"
-    )
-
-
-def _warn_of_others(args: argparse.Namespace) -> None:
-    if not ip_address(args.address).is_loopback:
-        print(f"{args.address} is open to other machines: whoever sends first drives the vehicle", file=sys.stderr)
-
-
-def listen(args: argparse.Namespace) -> None:
-    """Answer ArduPilots until Ctrl-C, or for --duration seconds of simulated time.
-
-    Raises:
-        ConfigError: for bad input, or a port that is taken.
-    """
-    with ExitStack() as open_things:
-        wires = open_things.enter_context(selectors.DefaultSelector())
-        sessions: list[Session] = []
-        for k in range(args.instances):
-            wire = bound(args, open_things.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)), k)
-            session = Session(craft_of(args))
-            fit_out(args, open_things, session, k)
-            sessions.append(session)
-            wires.register(wire, selectors.EVENT_READ, session)
-        _warn_of_others(args)
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C, so that files are completed
-        printed, began = time.monotonic(), time.monotonic()
-        while True:
-            for key, _ in wires.select(timeout=PRINT_EVERY):
-                wire = key.fileobj
-                assert isinstance(wire, socket.socket)
-                data, sender = wire.recvfrom(LARGEST)
-                answer = key.data.receive(data, sender)
-                if answer is not None:
-                    wire.sendto(answer, sender)
-            if not args.quiet and time.monotonic() - printed > PRINT_EVERY:
-                printed = time.monotonic()
-                for session in sessions:
-                    print(_state_of(session, printed - began), flush=True)
-            if args.duration and all(s.last and s.craft.frames >= args.duration * s.craft.rate for s in sessions):
-                return
+    if not data or not session.connected:
+        session.disconnect()
+        wires.unregister(wire)
+        wire.close()
 
 
 def _of_instance(args: argparse.Namespace, file: Path, k: int) -> Path:
@@ -259,19 +214,6 @@ def _logger(file: TextIO) -> Callable[[Servos, Sensors], None]:
         table.writerow((*row(sensors), *servos.pwm))
 
     return seen
-
-
-def _state_of(session: Session, seconds: float) -> str:
-    c = session.counts
-    refused = "".join(f"; refused {n}: {why}" for why, n in c.refused.items())
-    if session.last is None:
-        return f"waiting for ArduPilot{refused}"
-    words = (
-        f"t {session.craft.frames / session.craft.rate:.1f} s at {session.craft.rate} Hz",
-        f"{c.frames} frames ({c.frames / seconds:.0f}/s)",
-        f"repeated {c.repeated}, lost {c.lost}, late {c.late}, restarts {c.restarts}",
-    )
-    return ", ".join(words) + refused
 
 
 def parser() -> argparse.ArgumentParser:
@@ -344,7 +286,7 @@ def main(argv: list[str] | None = None) -> int:
         p.error(f"--address {args.address}: not an IP address")
     runtime.init(threads=1)
     try:
-        (serve if args.protocol == "px4" else listen)(args)
+        serve(args)
     except KeyboardInterrupt:
         return 0
     except (ConfigError, MissingExtraError, SteepSeaError, OSError) as error:

@@ -60,11 +60,7 @@ def _examples(names: dict[str, str]) -> dict[str, str]:
 
 
 def _name(name: str) -> str:
-    """Return a name that can name a module.
-
-    Raises:
-        ConfigError: for any other name.
-    """
+    """Return a name that can name a module; ConfigError for any other."""
     if not name.isidentifier() or name != name.lower():
         raise ConfigError(f"{name!r}: a name is of small letters, digits and _, and begins with a letter: harbour_2")
     return name
@@ -75,11 +71,7 @@ def _class(name: str) -> str:
 
 
 def _write(folder: Path, files: dict[str, str]) -> list[Path]:
-    """Write all files, or none of them.
-
-    Raises:
-        ConfigError: if one exists already.
-    """
+    """Write all files, or none of them: ConfigError if one exists already."""
     for name in files:
         if (folder / name).exists():
             raise ConfigError(f"{folder / name}: exists already; choose another name, or remove it")

@@ -22,7 +22,7 @@ import math
 import sys
 import time
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,8 +35,7 @@ from taichi_sim.kernels import runtime
 from taichi_sim.sea import SteepSeaError
 from taichi_sim.trials import flight, ship
 from taichi_sim.trials.basin import Setting
-from taichi_sim.trials.criteria import Criterion, criteria
-from taichi_sim.trials.figures import Outcome, TrialError
+from taichi_sim.trials.figures import Criterion, Outcome, TrialError, criteria
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.multirotor.params import MultirotorParams
 from taichi_sim.usv.vessel import Vessel
@@ -197,25 +196,21 @@ def write(report: TrialsReport, folder: Path) -> None:
     from taichi_sim.commands.trials_page import page_of
 
     folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "figures.csv").open("w", newline="") as file:
-        table = csv.writer(file)
-        table.writerow(("trial", "case", "run", "figure", "value", "unit"))
-        for out in report.outcomes:
-            table.writerows((*f[:4], repr(f.value), f.unit) for f in out.figures)
+
+    def table(name: str, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+        with (folder / f"{name}.csv").open("w", newline="") as file:
+            csv.writer(file).writerows([head, *rows])
+
+    figures = ((*f[:4], repr(f.value), f.unit) for out in report.outcomes for f in out.figures)
+    table("figures", ("trial", "case", "run", "figure", "value", "unit"), figures)
     for out in report.outcomes:
+        samples = ((c.case, row) for c in out.curves for row in np.transpose([*c.columns.values()]))
         if out.curves:
-            with (folder / f"{out.name}.csv").open("w", newline="") as file:
-                table = csv.writer(file)
-                table.writerow(("case", *out.curves[0].columns))
-                for curve in out.curves:
-                    table.writerows(
-                        (curve.case, *map(repr, map(float, row))) for row in np.transpose([*curve.columns.values()])
-                    )
+            rows = ((case, *map(repr, map(float, row))) for case, row in samples)
+            table(out.name, ("case", *out.curves[0].columns), rows)
     if report.criteria:
-        with (folder / "criteria.csv").open("w", newline="") as file:
-            table = csv.writer(file)
-            table.writerow(("criterion", "case", "value", "limit", "unit", "met"))
-            table.writerows((*c[:2], repr(c.value), repr(c.limit), c.unit, c.met) for c in report.criteria)
+        limits = ((*c[:2], repr(c.value), repr(c.limit), c.unit, c.met) for c in report.criteria)
+        table("criteria", ("criterion", "case", "value", "limit", "unit", "met"), limits)
     (folder / "report.html").write_text(page_of(report), encoding="utf-8")
 
 

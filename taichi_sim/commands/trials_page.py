@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichi_sim.plotting.page import blank, page, panel, paragraph, section, style, svg, table
-from taichi_sim.trials.criteria import Criterion
 from taichi_sim.trials.figures import Outcome, Panel
 
 if TYPE_CHECKING:
@@ -22,14 +21,17 @@ def page_of(report: "TrialsReport") -> str:
     with style():
         parts = [section(out.title, _figures(out), _pictures(out)) for out in report.outcomes if not out.refused]
     if report.criteria:
-        parts.insert(0, section("IMO MSC.137(76)", _limits(report.criteria)))
+        rows = [
+            (c.name, c.case, shown(c.value, c.unit), shown(c.limit, c.unit), "yes" if c.met else "no")
+            for c in report.criteria
+        ]
+        limits = table(("criterion", "case", "figure", "at most", "met"), rows, numbers=False)
+        parts.insert(0, section("IMO MSC.137(76)", limits))
     refused = [(out.title, out.refused) for out in report.outcomes if out.refused]
     if refused:
         parts.append(section("Not done", table(("trial", "why"), refused, numbers=False)))
-    lead = paragraph(
-        f"A {report.kind} of {report.length:g} m; {report.conditions}. Definitions: docs/trials.md.", "faint"
-    )
-    return page(f"Trials of {report.vehicle}", lead, parts)
+    lead = f"A {report.kind} of {report.length:g} m; {report.conditions}. Definitions: docs/trials.md."
+    return page(f"Trials of {report.vehicle}", paragraph(lead, "faint"), parts)
 
 
 def shown(value: float, unit: str) -> str:
@@ -50,20 +52,13 @@ def _figures(out: Outcome) -> str:
 
     def cell(case: str, name: str, unit: str) -> str:
         values = np.array(cells.get((case, name), [math.nan]))
-        told = shown(float(values.mean()), unit)
-        return (
-            told if len(values) == 1 else f"{told} (std {shown(float(values.std(ddof=1)), unit)}, {len(values)} runs)"
-        )
+        told, n = shown(float(values.mean()), unit), len(values)
+        return told if n == 1 else f"{told} (std {shown(float(values.std(ddof=1)), unit)}, {n} runs)"
 
     if len(cases) > len(names):
         head = ("case", *(name for name, _ in names))
         return table(head, [(case, *(cell(case, *name) for name in names)) for case in cases])
     return table(("figure", *cases), [(name, *(cell(case, name, unit) for case in cases)) for name, unit in names])
-
-
-def _limits(found: list[Criterion]) -> str:
-    rows = [(c.name, c.case, shown(c.value, c.unit), shown(c.limit, c.unit), "yes" if c.met else "no") for c in found]
-    return table(("criterion", "case", "figure", "at most", "met"), rows, numbers=False)
 
 
 def _pictures(out: Outcome) -> str:

@@ -1,11 +1,10 @@
 """Pictures and films of episodes without a display or a GPU, by a rasteriser of our own.
 
-camera.py    a pinhole camera         rigs.py      what carries it: behind a team, over everybody, over the map
-moment.py    an episode at any time   draw.py      what a moment looks like; pen.py collects triangles and strokes
-water.py     the sea to the horizon   shade.py     light
-screen.py    where they are on the screen
-raster.py    triangles to pixels      glyphs.py    small text
-picture.py   views side by side       files.py     films
+moment.py    an episode at any time       draw.py      what a moment looks like; pen.py collects triangles and strokes
+camera.py    a pinhole camera, and what carries it: behind a team, over everybody, over the map
+water.py     the sea to the horizon       screen.py    where things are on the screen, and their light
+raster.py    triangles to pixels          picture.py   views side by side, with text
+files.py     films
 """
 
 from taichi_sim.film.files import FilmError, check_film, write_film, write_strip

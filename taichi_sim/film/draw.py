@@ -13,7 +13,7 @@ from taichi_sim.film.pen import Pen, Solids, faces_of, moved
 from taichi_sim.kernels.rotation import numpy_rotation_matrix
 from taichi_sim.recording.bodies import body_mesh
 from taichi_sim.recording.episode import Array
-from taichi_sim.recording.overlays import Arrows, Cylinders, Ellipsoids, Lines, Overlay3D, Points
+from taichi_sim.recording.overlays import Arrows, Cylinders, Ellipsoids, Lines, Points
 from taichi_sim.recording.palette import CHECKPOINT, FRAME, OBSTACLE, PLUMB, TARGET, Colour, event_colour
 
 SUNK_M = 6.0  # depth of an obstacle below mean sea level
@@ -59,7 +59,9 @@ def draw_moment(pen: Pen, moment: Moment) -> None:
         if team.target_n is not None:
             _draw_target(pen, team, chop)
     for overlay in moment.overlays:
-        KINDS[type(overlay)](pen, overlay, 2.0 * chop if overlay.on_water else 0.0)
+        places = KINDS[type(overlay)](pen, overlay, 2.0 * chop if overlay.on_water else 0.0)
+        for text, place in zip(overlay.labels, places, strict=False):
+            pen.label(place, text, overlay.colour, overlay.where)
     for event, place_n in moment.events:
         pen.dots(place_n, event_colour(event.kind), 6.0, chop)
 
@@ -138,54 +140,45 @@ def _draw_target(pen: Pen, team: TeamMoment, chop: float) -> None:
     pen.dots(team.target_n, TARGET, 4.0, where="map")
 
 
-# -- what a mission draws ----------------------------------------------------------------------------------------------
-
-
 def _width(radius: float) -> float:
     """Width of an overlay's line, px; lines whose radius is in m are drawn alike."""
     return 1.1 * abs(radius) if radius < 0.0 else METRES_PX
 
 
-def _lines(pen: Pen, overlay: Lines, lift: float) -> None:
+def _lines(pen: Pen, overlay: Lines, lift: float) -> Array:
     pen.lines(overlay.points_n[0], overlay.colour, _width(overlay.radius), lift, overlay.where)
-    _label(pen, overlay, overlay.points_n[0][:, 0])
+    return overlay.points_n[0][:, 0]
 
 
-def _points(pen: Pen, overlay: Points, lift: float) -> None:
+def _points(pen: Pen, overlay: Points, lift: float) -> Array:
     pen.dots(overlay.position_n[0], overlay.colour, 2.0 * _width(overlay.radius), lift, overlay.where)
-    _label(pen, overlay, overlay.position_n[0])
+    return overlay.position_n[0]
 
 
-def _cylinders(pen: Pen, overlay: Cylinders, _: float) -> None:
+def _cylinders(pen: Pen, overlay: Cylinders, _: float) -> Array:
     place, size = np.broadcast_arrays(overlay.position_n[0], np.pad(overlay.size_m[0], ((0, 0), (0, 1))))
     pen.cylinders(place, size[:, 0], size[:, 1], overlay.colour, overlay.where)
-    _label(pen, overlay, place)
+    return place
 
 
-def _ellipsoids(pen: Pen, overlay: Ellipsoids, lift: float) -> None:
+def _ellipsoids(pen: Pen, overlay: Ellipsoids, lift: float) -> Array:
     """Draw an ellipsoid as three ellipses; a flat one as its level ellipse."""
     place, axes, turn = overlay.position_n[0], overlay.half_axes_m[0], overlay.heading[0][..., None]
     cos, sin, none = np.cos(RING), np.sin(RING), 0.0 * RING
-    rings = [(cos, sin, none), (cos, none, sin), (none, cos, sin)]
-    for along, right, down in rings:
+    for along, right, down in ((cos, sin, none), (cos, none, sin), (none, cos, sin)):
         a, b, c = axes[:, :1] * along, axes[:, 1:2] * right, axes[:, 2:] * down
         ring = np.stack([np.cos(turn) * a - np.sin(turn) * b, np.sin(turn) * a + np.cos(turn) * b, c], axis=-1)
         pen.lines(place[:, None] + ring, overlay.colour, METRES_PX, max(lift, 0.5), overlay.where)
-    _label(pen, overlay, place)
+    return place
 
 
-def _arrows(pen: Pen, overlay: Arrows, _: float) -> None:
+def _arrows(pen: Pen, overlay: Arrows, _: float) -> Array:
     origin, vector = np.broadcast_arrays(overlay.origin_n[0], overlay.vector_n[0])
     pen.arrows(origin, vector, overlay.colour, _width(overlay.radius), overlay.where)
-    _label(pen, overlay, origin)
+    return origin
 
 
-def _label(pen: Pen, overlay: Overlay3D, places_n: Array) -> None:
-    for text, place in zip(overlay.labels, places_n, strict=False):
-        pen.label(place, text, overlay.colour, overlay.where)
-
-
-KINDS: dict[type, Callable[..., None]] = {
+KINDS: dict[type, Callable[..., Array]] = {
     Lines: _lines, Points: _points, Cylinders: _cylinders, Ellipsoids: _ellipsoids, Arrows: _arrows,
 }  # fmt: skip
-"""Kind of overlay -> the function that draws it."""
+"""Kind of overlay -> the function that draws it and returns the places of its labels."""

@@ -106,8 +106,8 @@ def write_film(
         other = Picture(moment_of(episode, times[0]), size, view)
         return (other.paint(moment_of(episode, time), note) for time in times[:: -(-len(times) // SAMPLED)])
 
+    kind = path.suffix.lower()
     with replacing(path) as part:
-        kind = path.suffix.lower()
         if kind == ".mp4":
             _write_mp4(frames, part, size, fps)
         else:
@@ -167,16 +167,15 @@ def _write_animation(frames: Iterable[NDArray[np.uint8]], part: Path, kind: str,
     """Write an animated picture that repeats."""
     from PIL import Image
 
-    palette = None if kind == ".webp" else _palette(samples())
-    plain = Image.Dither.NONE  # dithering would compress badly
-    first, *pages = (
-        page if palette is None else page.quantize(palette=palette, dither=plain)
-        for page in map(Image.fromarray, frames)
-    )
-    format = {".png": "PNG", ".gif": "GIF", ".webp": "WEBP"}[kind]
+    pages = map(Image.fromarray, frames)
+    if kind != ".webp":
+        palette = _palette(samples())  # dithering would compress badly
+        pages = (page.quantize(palette=palette, dither=Image.Dither.NONE) for page in pages)
+    first, *others = pages
     how: dict[str, int] = {".webp": {"quality": 60, "method": 3}, ".gif": {"optimize": False}, ".png": {}}[kind]
     with part.open("wb") as file:
-        first.save(file, save_all=True, append_images=pages, duration=round(1000.0 / fps), loop=0, format=format, **how)
+        every = round(1000.0 / fps)
+        first.save(file, kind[1:].upper(), save_all=True, append_images=others, duration=every, loop=0, **how)
 
 
 def _palette(samples: Iterable[NDArray[np.uint8]]) -> "Image":

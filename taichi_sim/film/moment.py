@@ -6,7 +6,7 @@ both have them. A mission that runs (rl/adapters/render.py) gives an episode of 
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple, TypeVar, overload
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -75,23 +75,20 @@ def moment_of(episode: Episode, time_s: float) -> Moment:
     after = min(step + 1, len(clock) - 1)
     share = (now - clock[step]) / (clock[after] - clock[step]) if after > step else 0.0
 
-    @overload
-    def between(array: Array) -> Array: ...
-    @overload
-    def between(array: None) -> None: ...
-    @overload
-    def between(array: Array | None) -> Array | None: ...
-    def between(array: Array | None) -> Array | None:
-        return None if array is None else _between(array[step], array[after], share)
+    def between(array: Array) -> Array:
+        return _between(array[step], array[after], share)
+
+    def perhaps(array: Array | None) -> Array | None:
+        return None if array is None else between(array)
 
     liveries, teams = episode.liveries, {}
     for name, track in episode.teams.items():
+        place, turn = between(track.position_n), track.target_course
         quaternion = _turned(track.quaternion_nb[step], track.quaternion_nb[after], share)
-        turn = track.target_course
         course = euler(quaternion)[2][0] if turn is None else _angle(turn[step], turn[after], share)
         teams[name] = TeamMoment(
-            track, liveries[name], between(track.position_n), quaternion, between(track.velocity_n), float(course),
-            between(track.target_n), between(track.slot_n), _trail(track, clock, step, now, between(track.position_n)),
+            track, liveries[name], place, quaternion, between(track.velocity_n), float(course),
+            perhaps(track.target_n), perhaps(track.slot_n), _trail(track, clock, step, now, place),
         )  # fmt: skip
     return Moment(
         name=episode.name,
@@ -102,7 +99,7 @@ def moment_of(episode: Episode, time_s: float) -> Moment:
         waves=None if episode.waves is None else episode.waves(now),
         elevation=lambda north, east: episode.elevation(north, east, now),
         events=tuple(_happened(episode, event) for event in episode.events if event.time_s <= now + 1e-6),
-        wind_n=between(episode.wind_n),
+        wind_n=perhaps(episode.wind_n),
     )
 
 

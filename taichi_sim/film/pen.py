@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.conventions import DOWN, HORIZONTAL
+from taichi_sim.recording.bodies import Mesh
 from taichi_sim.recording.episode import Array
-from taichi_sim.recording.meshes import Mesh
 from taichi_sim.recording.palette import Colour
 
 Where = Literal["world", "map", "both", "aloft"]
@@ -82,8 +82,7 @@ class Pen:
         self._add(ends, colour, width, lift, where)
 
     def _add(self, ends: Array, colour: Colour, width: float, lift: float, where: Where) -> None:
-        n = len(ends)
-        if n:
+        if n := len(ends):
             shade = np.broadcast_to(np.array(colour, np.uint8), (n, 3))
             self._strokes.append((where, Strokes(ends, shade, np.full(n, width), np.full(n, lift))))
 
@@ -94,9 +93,9 @@ class Pen:
         level = np.linalg.norm(aside, axis=-1, keepdims=True)
         size = np.linalg.norm(vector_n, axis=-1, keepdims=True)
         aside = np.where(level > 0.1 * size, aside * size / np.maximum(level, 1e-9), (0.0, 1.0, 0.0) * size)
-        barbs = [tip - HEAD * vector_n + sign * 0.5 * HEAD * aside for sign in (-1.0, 1.0)]
-        self.lines(np.stack([origin_n, tip], axis=1), colour, width, where=where)
-        self.lines(np.stack([barbs[0], tip, barbs[1]], axis=1), colour, width, where=where)
+        left, right = (tip - HEAD * vector_n + sign * 0.5 * HEAD * aside for sign in (-1.0, 1.0))
+        for points in ((origin_n, tip), (left, tip, right)):
+            self.lines(np.stack(points, axis=1), colour, width, where=where)
 
     def solids(self, solids: Solids, where: Where = "both") -> None:
         """Add triangles unchanged."""
@@ -137,7 +136,7 @@ class Pen:
         strokes = [one for where, one in self._strokes if where in seen] or [NO_STROKES]
         solids = [one for where, one in self._solids if where in seen] or [NO_SOLIDS]
         labels = tuple(label for where, label in self._labels if where in seen)
-        return Drawing(Solids(*_joined(solids)), Strokes(*_joined(strokes)), labels)
+        return Drawing(Solids(*joined(solids)), Strokes(*joined(strokes)), labels)
 
 
 def faces_of(mesh: Mesh) -> Solids:
@@ -152,16 +151,12 @@ def moved(body: Solids, position_n: Array, R_nb: Array, scale: float = 1.0) -> S
     return Solids(corners.reshape(-1, 3, 3), body.normals_n @ R_nb.T, body.colours)
 
 
-def joined(*solids: Solids) -> Solids:
-    """Faces of several drawings as one."""
-    return Solids(*_joined(solids))
-
-
 def _in_one_colour(corners: Array, normals: Array, colour: Colour) -> Solids:
     return Solids(corners, normals, np.broadcast_to(np.array(colour, np.uint8), normals.shape))
 
 
-def _joined(parts: Sequence[tuple[NDArray, ...]]) -> list[NDArray]:
+def joined(parts: Sequence[tuple[NDArray, ...]]) -> list[NDArray]:
+    """Columns of several Solids, or several Strokes, as those of one."""
     return [np.concatenate(columns) for columns in zip(*parts, strict=True)]
 
 

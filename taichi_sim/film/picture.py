@@ -2,27 +2,28 @@
 
 With one team the picture follows it, with a small map in the corner. With several teams it has a large view (the
 overview if the recording has one, else the first team), and beside it a view of another team above the map. A small
-picture has one view without words.
+picture has one view without words. Pillow draws words once, in matplotlib's sans serif; they are then laid over pixels.
 """
 
 from collections.abc import Collection
+from functools import lru_cache
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.conventions import HORIZONTAL
-from taichi_sim.film.camera import AWAY, Array, FilmCamera
+from taichi_sim.film.camera import AWAY, Array, FilmCamera, FollowRig, MapRig, Overview, Rig
 from taichi_sim.film.draw import Cast, draw_moment
-from taichi_sim.film.glyphs import lines_of, write
 from taichi_sim.film.moment import Moment
 from taichi_sim.film.pen import Drawing, Pen, Solids, joined
 from taichi_sim.film.raster import Raster
-from taichi_sim.film.rigs import FollowRig, MapRig, Overview, Rig
 from taichi_sim.film.water import NO_WATER, water_seen
 from taichi_sim.kernels.rotation import numpy_rotation_matrix
 from taichi_sim.recording.palette import Colour, event_colour
 
+INK, PAPER = (248, 250, 252), (10, 24, 36)
 Pixels = NDArray[np.uint8]
 LEAST, MOST_PX = (64, 48), 4096  # px of a picture
 SMALL = 300  # px: pictures that are lower or less wide show one view
@@ -35,6 +36,58 @@ ARROW = np.array([(0.7, 0.0), (-0.5, 0.4), (-0.3, 0.0), (-0.5, -0.4), (0.7, 0.0)
 MARK_PX = 8.0  # length of a vehicle's mark on the map
 EVENT_S = 4.0  # time for which the text of an event is shown
 DARK = (30, 52, 70)
+
+
+@lru_cache(maxsize=8)
+def _font(size: int):
+    import matplotlib
+    from PIL import ImageFont
+
+    return ImageFont.truetype(str(Path(matplotlib.get_data_path()) / "fonts/ttf/DejaVuSans.ttf"), size)
+
+
+@lru_cache(maxsize=512)
+def _words(text: str, size: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Coverage [height, width, 1], 0 to 1, of letters and of their edges."""
+    from PIL import Image, ImageDraw
+
+    font, edge = _font(size), max(1, size // 9)
+    left, top, right, bottom = (int(number) for number in font.getbbox(text, stroke_width=edge))
+    covers = []
+    for stroke in (0, edge):
+        page = Image.new("L", (right - left + 2, bottom - top + 2))
+        ImageDraw.Draw(page).text((1 - left, 1 - top), text, fill=255, font=font, stroke_width=stroke)
+        covers.append(np.asarray(page, np.float32)[..., None] / 255.0)
+    return covers[0], covers[1]
+
+
+@lru_cache(maxsize=512)
+def _tinted(text: str, size: int, colour: Colour) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Share of the pixels that remains visible under the words, 0 to 1, and the colour added to them."""
+    letters, around = _words(text, size)
+    edge = PAPER if np.dot(colour, (0.3, 0.6, 0.1)) > 90 else INK
+    shade = 0.75 * around * (1.0 - letters)
+    added = shade * np.array(edge, np.float32) + letters * np.array(colour, np.float32) + 0.5
+    return (1.0 - letters - shade).astype(np.float32), added.astype(np.float32)
+
+
+def write(
+    picture: Pixels, text: str, at: tuple[float, float], *, size: int, colour: Colour = INK,
+    anchor: tuple[float, float] = (0.0, 0.0),
+) -> None:  # fmt: skip
+    """Write `text` at column and row `at` of a picture [height, width, 3], in letters of `size` px.
+
+    Letters have dark edges, or light ones if they are dark. `anchor` is the point of the text that lies there, in its
+    widths and heights from the upper left; the text is moved to stay inside the picture.
+    """
+    left, added = _tinted(text, size, colour)
+    high, wide = left.shape[:2]
+    if high > picture.shape[0] or wide > picture.shape[1]:
+        return
+    x = min(max(round(at[0] - anchor[0] * wide), 0), picture.shape[1] - wide)
+    y = min(max(round(at[1] - anchor[1] * high), 0), picture.shape[0] - high)
+    part = picture[y : y + high, x : x + wide]
+    part[:] = part * left + added
 
 
 class View(NamedTuple):
@@ -65,13 +118,10 @@ class Picture:
     """Draws pictures of one size; moments must come in order."""
 
     def __init__(self, moment: Moment, size: tuple[int, int], view: str = "auto", cast: Cast | None = None) -> None:
-        """Arrange the views for the teams in `moment`.
+        """Arrange the views for the teams in `moment`, in a picture of `size` (width, height, px).
 
-        Args:
-            moment: the first moment.
-            size: width and height, px.
-            view: "auto", or one view alone: "overview", "map", or a team's name.
-            cast: bodies that several pictures of one mission share.
+        `view` is "auto", or one view alone: "overview", "map", or a team's name. Several pictures of one mission share
+        the bodies in `cast`.
 
         Raises:
             ValueError: if the size or the view cannot be drawn.
@@ -110,7 +160,7 @@ class Picture:
             self._cast.bodies(own, moment, scales)
             water = water_seen(camera, size, moment)
         drawing = pen.drawing(view.kind)
-        solids = joined(drawing.solids, own.drawing(view.kind).solids)
+        solids = Solids(*joined((drawing.solids, own.drawing(view.kind).solids)))
         strokes = drawing.strokes._replace(width_px=np.maximum(drawing.strokes.width_px * _thick(size), 1.0))
         part = view.raster.draw(camera, solids, strokes, water)
         if with_words:
@@ -274,5 +324,5 @@ def _caption(part: Pixels, view: View, camera: FilmCamera, scales: dict[str, flo
         return
     larger = ", ".join(f"{name} {scale:.0f}x" for name, scale in scales.items() if scale >= 1.5)
     text = "; ".join(words for words in (view.title, f"drawn larger: {larger}" if larger else "") if words)
-    if text and lines_of(text, letters, wide - 12):
+    if text and _words(text, letters)[0].shape[1] <= wide - 12:
         write(part, text, (6, high - 5), size=letters, anchor=(0.0, 1.0))

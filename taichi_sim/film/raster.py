@@ -19,7 +19,6 @@ import taichi as ti
 from numpy.typing import NDArray
 from taichi.math import vec3
 
-from taichi_sim.film import shade
 from taichi_sim.film.camera import FilmCamera
 from taichi_sim.film.pen import Solids, Strokes
 from taichi_sim.film.screen import (
@@ -34,6 +33,7 @@ from taichi_sim.film.screen import (
     place_solid,
     place_stroke,
     settle,
+    sky,
     solid_numbers,
     stroke_numbers,
     triple,
@@ -99,7 +99,7 @@ def _colour(screen: ti.template(), t, sx, sy):
 def _sky(camera: ti.template(), sx, sy):
     """Colour of the sky at a sample."""
     u, v = (sx - camera[10]) / camera[9], (sy - camera[11]) / camera[9]
-    return shade.sky((triple(camera, 6) + u * triple(camera, 0) + v * triple(camera, 3)).normalized())
+    return sky((triple(camera, 6) + u * triple(camera, 0) + v * triple(camera, 3)).normalized())
 
 
 @ti.func

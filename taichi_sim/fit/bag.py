@@ -88,11 +88,7 @@ def _table(path: Path, bag: "AnyReader", action_names: tuple[str, ...], source: 
 
 
 def _odometry(path: Path, kinds: Mapping[str, str | None], source: Source) -> str:
-    """The topic of odometry.
-
-    Raises:
-        LogError: if there is none, or if it is not clear which.
-    """
+    """The topic of odometry; LogError if there is none, or if it is not clear which."""
     if "odom" in source.columns:
         return source.columns["odom"].source
     found = sorted(topic for topic, kind in kinds.items() if kind == ODOMETRY and topic.endswith("/odom"))
@@ -124,11 +120,7 @@ def _motion(poses: list[Any]) -> tuple[Array, Array, Array, Array]:
 
 
 def _named(path: Path, topic: str, name: str, messages: list[Any]) -> Array:
-    """Values of an action in the messages of all of a vehicle.
-
-    Raises:
-        LogError: if a message lacks it.
-    """
+    """Values of an action in the messages of all of a vehicle; LogError if a message lacks it."""
     values = np.empty(len(messages))
     for k, message in enumerate(messages):
         names = list(message.name)

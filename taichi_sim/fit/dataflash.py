@@ -83,11 +83,7 @@ def read_dataflash(file: Path, model: Vehicle, source: Source) -> Table:
 
 
 def _columns(file: Path, name: str, messages: list[Any], fields: tuple[str, ...] | list[str]) -> tuple[Array, Array]:
-    """Fields [message, field] of messages, and their times, s. Times that do not increase are an error.
-
-    Raises:
-        LogError: for a missing field, or a clock that runs back.
-    """
+    """Fields [message, field] of messages, and their times, s; LogError for a missing one or a clock that runs back."""
     try:
         rows = np.array([[m.TimeUS, *(getattr(m, field) for field in fields)] for m in messages], dtype=np.float64)
     except AttributeError as error:
@@ -103,8 +99,7 @@ def _columns(file: Path, name: str, messages: list[Any], fields: tuple[str, ...]
 def _channels(file: Path, model: Vehicle, asked: str, parameters: Mapping[str, float]) -> dict[str, int]:
     """Channels of the vehicle's controls: control -> channel, negative if reversed.
 
-    Raises:
-        LogError: if the log has several channels of a control, or none, and none is asked for.
+    Where none is asked for, a control of several channels in the log, or of none, is a LogError.
     """
     if asked:
         return read_channels(asked, model)

@@ -157,9 +157,8 @@ def _searched(
     first = side_by_side(simulator, [search(begin, phi, extra, state, prior, SIGMA, enough=ROUGHLY) for phi in guesses])
     problem, each = Problem(used, interval, len(logs)), len(short) // len(used)
     apart = _distinct(first, prior)
-    full = side_by_side(
-        simulator, [search(problem, f.point.phi, f.point.extra, f.point.state[::each], prior, f.sigma) for f in apart]
-    )
+    go_on = [search(problem, f.point.phi, f.point.extra, f.point.state[::each], prior, f.sigma) for f in apart]
+    full = side_by_side(simulator, go_on)
     full = [f._replace(rounds=f.rounds + before.rounds) for f, before in zip(full, apart, strict=True)]
     return problem, sorted(full, key=lambda f: -f.log_likelihood(prior))
 
@@ -227,8 +226,8 @@ def fit(
             windows_of([logs[0], test], seconds)
         windows_of([test], seconds)
     windows = windows_of(logs, seconds)
-    held = [w for k, w in enumerate(windows) if len(windows) >= HELD_OUT and k % HELD_OUT == HELD_OUT - 1]
-    used = [w for k, w in enumerate(windows) if not (len(windows) >= HELD_OUT and k % HELD_OUT == HELD_OUT - 1)]
+    held = windows[HELD_OUT - 1 :: HELD_OUT]
+    used = [w for k, w in enumerate(windows) if k % HELD_OUT != HELD_OUT - 1]
     interval, lead = logs[0].interval, lead_steps(logs[0].interval)
     samples, unknown = sum(w.motion[lead:].size for w in used), len(keys) + 6 * len(used) + 4 * len(logs)
     if samples < 2 * unknown:
@@ -236,9 +235,8 @@ def fit(
     clock = time.perf_counter()
     problem, ends = _searched(simulator, used, logs, prior, seconds, starts)
     took, (point, sigma, rounds) = time.perf_counter() - clock, ends[0]
-    others = [
-        Start(f.point.phi, ends[0].log_likelihood(prior) - f.log_likelihood(prior)) for f in _distinct(ends, prior)
-    ]
+    best = ends[0].log_likelihood(prior)
+    others = [Start(f.point.phi, best - f.log_likelihood(prior)) for f in _distinct(ends, prior)]
     normal = normal_equations(problem, point, prior, sigma)
     if _odd(normal, prior):
         # a local minimum of an initial state looks like this too: fit each again, keep the better one
@@ -246,9 +244,8 @@ def fit(
         [anew] = side_by_side(simulator, [search_first_states(problem, point.phi, point.extra, begin, sigma)])
         cost, cost_anew = (huber(x.left, sigma).sum(axis=(1, 2)) for x in (point, anew))
         state = np.where((cost_anew < cost)[:, None], anew.state, point.state)
-        [(point, sigma, again)] = side_by_side(
-            simulator, [search(problem, point.phi, point.extra, state, prior, sigma)]
-        )
+        further = search(problem, point.phi, point.extra, state, prior, sigma)
+        [(point, sigma, again)] = side_by_side(simulator, [further])
         normal, rounds = normal_equations(problem, point, prior, sigma), rounds + again
     extra = point.extra
     covariance = np.linalg.inv(normal.S) * samples / (samples - unknown)  # sigma is that of the residuals, not of noise
@@ -258,25 +255,17 @@ def fit(
     half = 1.96 * np.where(told, deviation, prior)
     low, high = np.sort(nominal * np.exp(phi + half * np.array([[-1.0], [1.0]])), axis=0)
     before = after = float("nan")
-    tracks = [
-        SimulatedWindow(w.log, m, m - left, None) for w, m, left in zip(used, problem.measured, point.left, strict=True)
-    ]
-    if held := [
-        w for w in held if w.log in {u.log for u in used}
-    ]:  # the current and the biases of a log are known by now
+    each = zip(used, problem.measured, point.left, strict=True)
+    tracks = [SimulatedWindow(w.log, m, m - left, None) for w, m, left in each]
+    held = [w for w in held if w.log in {u.log for u in used}]
+    if held:  # the current and the biases of a log are known by now
         other = Problem(held, interval, len(logs))
         begin = np.array([first_state(w, interval) for w in held])
-        left = [
-            point.left
-            for point in side_by_side(
-                simulator,
-                [search_first_states(other, numbers, extra, begin, sigma) for numbers in (np.zeros(len(keys)), phi)],
-            )
-        ]
+        both = [search_first_states(other, numbers, extra, begin, sigma) for numbers in (np.zeros(len(keys)), phi)]
+        left = [end.left for end in side_by_side(simulator, both)]
         before, after = (float(np.sqrt(np.mean((x / sigma) ** 2))) for x in left)
-        tracks += [
-            SimulatedWindow(w.log, m, m - b, m - a) for w, m, a, b in zip(held, other.measured, *left, strict=True)
-        ]
+        both = zip(held, other.measured, *left, strict=True)
+        tracks += [SimulatedWindow(w.log, m, m - b, m - a) for w, m, a, b in both]
     return Fit(
         keys, nominal, nominal * np.exp(phi), low, high, told, covariance / np.outer(deviation, deviation), sigma,
         extra[:, :2], before, after, rounds, _odd(normal, prior), tracks, _directions(normal.S, prior), others, starts,

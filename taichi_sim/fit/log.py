@@ -66,15 +66,9 @@ def read_columns(file: Path) -> dict[str, Column]:
     found = {}
     for name, value in lines.items():
         source, factor = value if isinstance(value, list) and len(value) == 2 else (value, 1.0)
-        if (
-            not isinstance(source, str)
-            or isinstance(factor, bool)
-            or not isinstance(factor, int | float)
-            or factor == 0
-        ):
-            raise LogError(
-                f'{file}: {name} = {value!r}: expected "COLUMN" or ["COLUMN", FACTOR], a factor that is not 0'
-            )
+        if not isinstance(source, str) or type(factor) not in (int, float) or factor == 0:
+            said = f"{file}: {name} = {value!r}"
+            raise LogError(f'{said}: expected "COLUMN" or ["COLUMN", FACTOR], a factor that is not 0')
         found[name] = Column(source, float(factor))
     return found
 
@@ -108,11 +102,7 @@ def known_columns(model: Vehicle) -> set[str]:
 
 
 def _checked(file: Path, table: Table, action_names: Sequence[str]) -> Log:
-    """The log of a table.
-
-    Raises:
-        LogError: see `read_log`.
-    """
+    """The log of a table; LogError as of `read_log`."""
     columns = table.columns
     for name, values in columns.items():
         if len(bad := np.flatnonzero(~np.isfinite(values))):

@@ -135,33 +135,24 @@ class WindowSimulator:
         actions = torch.as_tensor(np.stack([w.actions for w in windows], axis=1)).to(like)
         lead = lead_steps(self.interval)
         steps = actions.shape[0] - lead
-        wind = self._wind(windows)
-        _place(b, place, euler, zero, state)
-        for k in range(lead):
-            self._step(b, actions[k], wind, k)
-        kept = b.aux.clone()
-        _place(b, place, euler, zero, state)
-        b.aux.copy_(kept)
+        calm = np.zeros((lead + steps, 2))
+        wind = None  # velocity of the air [step, env, 2], m/s
+        if any(w.wind is not None for w in windows):
+            wind = torch.as_tensor(np.stack([calm if w.wind is None else w.wind for w in windows], axis=1))
         out = np.empty((steps + 1, envs, 4))
-        out[0] = _read(b, state[:, HEADING])
-        for k in range(steps):
-            self._step(b, actions[lead + k], wind, lead + k)
-            out[k + 1] = _read(b, out[k, :, HEADING])
+        _place(b, place, euler, zero, state)
+        for k in range(lead + steps):
+            if k == lead:  # the actuators have reached the commanded settings
+                kept = b.aux.clone()
+                _place(b, place, euler, zero, state)
+                b.aux.copy_(kept)
+                out[0] = _read(b, state[:, HEADING])
+            if wind is not None:
+                b.wind[:, :2] = wind[k]
+            b.step(actions[k][:, None])
+            if k >= lead:
+                out[k - lead + 1] = _read(b, out[k - lead, :, HEADING])
         return out
-
-    @staticmethod
-    def _wind(windows: Sequence[Window]) -> torch.Tensor | None:
-        """Velocity of the air [step, env, 2], m/s; None if it is calm in all windows."""
-        if all(w.wind is None for w in windows):
-            return None
-        calm = np.zeros((len(windows[0].actions), 2))
-        return torch.as_tensor(np.stack([calm if w.wind is None else w.wind for w in windows], axis=1))
-
-    @staticmethod
-    def _step(b: Bench, actions: torch.Tensor, wind: torch.Tensor | None, k: int) -> None:
-        if wind is not None:
-            b.wind[:, :2] = wind[k]
-        b.step(actions[:, None])
 
 
 def check_against(simulator: WindowSimulator, logs: Sequence[Log], windows: Sequence[Window], state: Array) -> None:

@@ -1,4 +1,9 @@
-"""Computation of a hull's database: panels, lids, resonances, frequencies, with messages about each."""
+"""Computation of a hull's database: panels, lids, resonances, frequencies, with messages about each.
+
+Frequencies run from well below to well above the resonances of heave, roll and pitch, plus a tail for the memory of
+waves. A coarse pass gives the resonances. With added mass A(omega) known at a few frequencies, a natural frequency is
+an omega whose square is an eigenvalue of (M + A(omega))^-1 C.
+"""
 
 from typing import NamedTuple
 
@@ -6,18 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.config import ConfigError
-from taichi_sim.hydro import frequencies
 from taichi_sim.hydro.hull import FloatingHull, check_floating, divided
-from taichi_sim.hydro.lids import gap_lid, inner_lid
 from taichi_sim.hydro.mesh_file import refined
 from taichi_sim.hydro.offsets import compared
-from taichi_sim.hydro.panels import wetted
+from taichi_sim.hydro.panels import gap_lid, inner_lid, wetted
 from taichi_sim.hydro.problem import Tank, solve
 from taichi_sim.hydro.run import Floating, database, solve_all
-from taichi_sim.hydro.surface import PLANES, WettedSurface, X
+from taichi_sim.hydro.surface import PLANES, WettedSurface, X, turned_matrix
 from taichi_sim.usv.hull.database import HydroDatabase, hull_hash
 
 Array = NDArray[np.float64]
+BELOW, ABOVE = 0.2, 2.5  # times the lowest and highest resonance: the range that motions in waves need
+TAIL = 4.5  # times the highest resonance: damping has decayed there, and the kernel's beginning depends on it
+IN_TAIL = 0.2  # share of the frequencies in the tail
+VERTICAL = [2, 3, 4]
+SPIKE = 6.0  # times the damping at either neighbour: a peak that the frequencies do not resolve
+NAMES = ("heave", "roll", "pitch")
 COARSE = 120  # panels of the coarse pass that finds the resonances
 MOST = 4000  # most panels; matrices take 2 x 16 x MOST^2 bytes per process and symmetry
 PER_WAVE = 3.0  # fewest panels per shortest wave, in the tail of the frequencies
@@ -26,6 +35,50 @@ COUNT, COUNT_TWIN = 50, 90  # frequencies of a single and of a twin hull, where 
 HEADING_STEPS, MORE_ORDERS = (15.0, 10.0, 7.5, 5.0), 2.0  # deg; harmonics of loads over headings beyond k L / 2
 GAP_DAMPING = 0.03  # epsilon of the damping lid; assumed (docs/hydrodynamics.md)
 OFF = 0.005  # tolerated relative difference of a mesh from the simulator's panels in volume and waterplane
+
+
+class Resonances(NamedTuple):
+    """Natural frequencies, rad/s."""
+
+    heave: float
+    roll: float
+    pitch: float
+
+
+def resonances(omega: Array, added_mass: Array, M: Array, C: Array) -> Resonances:
+    """Natural frequencies of coupled heave, roll and pitch, from A [n, 6, 6] at omega [n], rigid-body M and stiffness C
+    [6, 6].
+
+    Each mode is identified by its largest share of an eigenvector.
+    """
+    found = []
+    V = np.ix_(VERTICAL, VERTICAL)
+    for mode in range(3):
+        w = float(omega[len(omega) // 2])
+        for _ in range(60):
+            A = np.array([[np.interp(w, omega, added_mass[:, i, j]) for j in VERTICAL] for i in VERTICAL])
+            value, vector = np.linalg.eig(np.linalg.solve(M[V] + A, C[V]))
+            size = np.sqrt(np.abs(np.diag(M[V] + A)))[:, None] * np.abs(vector)
+            own = int(np.argmax(size[mode] / np.linalg.norm(size, axis=0)))
+            new = float(np.sqrt(max(value[own].real, 0.0)))
+            if abs(new - w) < 1e-6 * w:
+                break
+            w = (w + new) / 2
+        found.append(w)
+    return Resonances(*found)
+
+
+def spikes(omega: Array, damping: Array, kept: tuple[float, ...]) -> NDArray[np.intp]:
+    """Indices of omega [n] at which the damping [n, 6, 6] of a mode has an isolated peak, except at frequencies in
+    `kept`.
+
+    Such a peak is narrower than a step, so it cannot be resolved: an irregular frequency that no lid removed, or
+    perhaps a resonance without damping in a gap between hulls.
+    """
+    size = np.einsum("nii->ni", damping)
+    beside = np.maximum(np.maximum(size[:-2], size[2:]), 1e-3 * size.max(axis=0))
+    found = 1 + np.flatnonzero((size[1:-1] > SPIKE * beside).any(axis=1))
+    return found[~np.isin(omega[found], kept)]
 
 
 class Spectrum(NamedTuple):
@@ -55,7 +108,7 @@ class Wishes(NamedTuple):
 
 def run(
     craft: FloatingHull, mesh: WettedSurface | None, wishes: Wishes, code: str, command: str
-) -> tuple[HydroDatabase, frequencies.Resonances]:
+) -> tuple[HydroDatabase, Resonances]:
     """Compute the database of a hull on its own panels, or on `mesh`.
 
     Raises:
@@ -66,28 +119,27 @@ def run(
     for line in check_floating(craft, surface, wishes.rho, wishes.g):
         print(line)
     C = surface.stiffness(craft.mass, craft.cg_z_up, wishes.rho, wishes.g)
-    floating = Floating(craft.M_z_up, C)
+    floating = Floating(turned_matrix(craft.M), C)
     of = _resonances(craft, floating, wishes)
-    print(", ".join(f"{n} {w:.3g} rad/s" for n, w in zip(frequencies.NAMES, of, strict=True)) + " (resonances)")
+    print(", ".join(f"{n} {w:.3g} rad/s" for n, w in zip(NAMES, of, strict=True)) + " (resonances)")
     lid = inner_lid(surface, size) if wishes.lid else np.empty((0, 4, 3))
     gap = gap_lid(surface, GAP_SIZE * size)
     epsilon = GAP_DAMPING if wishes.gap_damping is None else wishes.gap_damping
     tank = Tank(surface, lid, gap, wishes.rho, wishes.g, wishes.depth, epsilon, wishes.method)
     omega = _omega(of, wishes.spectrum, bool(len(gap)), size, wishes.g)
-    step = wishes.spectrum.heading_step
-    heading = _headings(surface, _heading_step(surface, max(of), wishes.g) if step is None else step)
+    heading = _headings(surface, wishes.spectrum.heading_step, max(of), wishes.g)
     alike = " and ".join(PLANES[a] for a in surface.planes)
     print(
         f"{len(surface)} panels{f' ({alike} alike)' if alike else ''}, {len(lid)} of a lid, {len(gap)} between hulls; "
         f"{_per_wave(omega[-1], size, wishes.g):.1f} panels per shortest wave, "
-        f"{_per_wave(frequencies.ABOVE * max(of), size, wishes.g):.1f} at {frequencies.ABOVE} x the highest resonance"
+        f"{_per_wave(ABOVE * max(of), size, wishes.g):.1f} at {ABOVE} x the highest resonance"
     )
     *loads, endless = solve_all(tank, floating, [*omega, np.inf], heading, wishes.jobs, wishes.quiet)
-    left_out = frequencies.spikes(omega, np.stack([of_one.damping for of_one in loads]), wishes.spectrum.also)
+    left_out = spikes(omega, np.stack([of_one.damping for of_one in loads]), wishes.spectrum.also)
     if len(left_out):
         print(
             f"left out {', '.join(f'{w:.4g}' for w in omega[left_out])} rad/s: damping there is more than "
-            f"{frequencies.SPIKE:g} times that at both neighbours (an irregular frequency, or too sharp a resonance)"
+            f"{SPIKE:g} times that at both neighbours (an irregular frequency, or too sharp a resonance)"
         )
         omega, loads = np.delete(omega, left_out), [of_one for n, of_one in enumerate(loads) if n not in left_out]
     uneven = max(_asymmetry(of_one.added_mass) for of_one in loads)
@@ -126,38 +178,58 @@ def _surface(craft: FloatingHull, mesh: WettedSurface | None, wishes: Wishes) ->
     return mesh, float(np.median(mesh.edge))
 
 
-def _resonances(craft: FloatingHull, floating: Floating, wishes: Wishes) -> frequencies.Resonances:
+def _resonances(craft: FloatingHull, floating: Floating, wishes: Wishes) -> Resonances:
+    """Resonances by a coarse pass at 0.25 to 1.5 times those without added mass."""
     surface, size = divided(craft.panels, COARSE)
     tank = Tank(surface, inner_lid(surface, size), np.empty((0, 4, 3)), wishes.rho, wishes.g, wishes.depth, 0.0)
-    trial = frequencies.trial(floating.C, floating.M)
-    A = np.stack([solve(tank, w, np.empty(0)).added_mass for w in trial])
-    return frequencies.resonances(trial, A, floating.M, floating.C)
+    w = np.sqrt(np.diag(floating.C)[VERTICAL] / np.diag(floating.M)[VERTICAL])
+    tried = np.geomspace(0.25 * w.min(), 1.5 * w.max(), 8)
+    A = np.stack([solve(tank, w, np.empty(0)).added_mass for w in tried])
+    return resonances(tried, A, floating.M, floating.C)
 
 
-def _omega(of: frequencies.Resonances, wanted: Spectrum, twin: bool, size: float, g: float) -> Array:
+def _omega(of: Resonances, wanted: Spectrum, twin: bool, size: float, g: float) -> Array:
+    """Frequencies, rad/s: evenly spaced over the resonances, wider apart in the tail, as high as the panels allow.
+
+    Each of `wanted.also` replaces the nearest one within half a step.
+    """
     count = wanted.count or (COUNT_TWIN if twin else COUNT)
-    top = np.sqrt(2 * np.pi * g / (PER_WAVE * size))
     if wanted.range:
         omega = np.linspace(*wanted.range, count)
     else:
-        omega = frequencies.chosen(of, count, top)
-    for line in frequencies.missed(omega, of):
-        if wanted.range:
-            raise ConfigError(f"--range: {line}")
-        print(f"warning: {line}: finer panels (--panels) would reach it")
+        top = np.sqrt(2 * np.pi * g / (PER_WAVE * size))
+        low, high, end = BELOW * min(of), min(ABOVE * max(of), top), min(TAIL * max(of), top)
+        tail = round(IN_TAIL * count * min(1.0, np.log(end / high) / np.log(TAIL / ABOVE)))
+        omega = _digits([*np.linspace(low, high, count - tail), *np.geomspace(high, end, tail + 1)[1:]])
+    for name, w in zip(NAMES, of, strict=True):
+        if not omega[0] < w < omega[-1]:
+            line = f"the frequencies {omega[0]:.3g} to {omega[-1]:.3g} rad/s miss the {name} resonance of {w:.3g} rad/s"
+            if wanted.range:
+                raise ConfigError(f"--range: {line}")
+            print(f"warning: {line}: finer panels (--panels) would reach it")
     if wanted.range and _per_wave(omega[-1], size, g) < PER_WAVE:
         print(f"warning: panels of {size:.3g} m are coarse for waves of {omega[-1]:.3g} rad/s: raise --panels")
-    return frequencies.with_also(omega, wanted.also)
+    kept = list(omega)
+    for w in wanted.also:
+        near = int(np.abs(omega - w).argmin())
+        step = np.diff(omega)[min(near, len(omega) - 2)]
+        if omega[near] in kept and abs(omega[near] - w) <= step / 2:
+            kept.remove(omega[near])
+    return _digits(sorted({*kept, *wanted.also}))
 
 
-def _heading_step(surface: WettedSurface, omega: float, g: float) -> float:
-    """Step of headings (deg) that resolves the k L / 2 harmonics of the loads of waves of omega (rad/s)."""
-    order = omega**2 / g * float(np.ptp(surface.whole[..., X])) / 2 + MORE_ORDERS
-    return next((step for step in HEADING_STEPS if 180 / step >= order), HEADING_STEPS[-1])
+def _digits(omega) -> Array:
+    return np.array([float(f"{w:.6g}") for w in omega])
 
 
-def _headings(surface: WettedSurface, step: float) -> Array:
-    """Headings towards port, deg; only those of one side if port and starboard are alike."""
+def _headings(surface: WettedSurface, step: float | None, omega: float, g: float) -> Array:
+    """Headings towards port, deg; only those of one side if port and starboard are alike.
+
+    Without a `step` it is one that resolves the k L / 2 harmonics of the loads of waves of `omega` (rad/s).
+    """
+    if step is None:
+        order = omega**2 / g * float(np.ptp(surface.whole[..., X])) / 2 + MORE_ORDERS
+        step = next((step for step in HEADING_STEPS if 180 / step >= order), HEADING_STEPS[-1])
     if not 0 < step <= 90 or abs(180 / step - round(180 / step)) > 1e-9:
         raise ConfigError(f"--heading-step {step:g}: must divide 180 deg")
     if 1 in surface.planes:

@@ -7,6 +7,7 @@ a CSV of one half has no y below 0.
 """
 
 import warnings
+from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -242,10 +243,7 @@ def _check_closed(surface: WettedSurface, name: str, size: float) -> None:
     """Require panels on both sides of every edge that is below water and off the planes of symmetry."""
     panels = _snapped(surface.panels, MERGE * size)
     edges, corners = _edges(panels)
-    count: dict[tuple[int, int], int] = {}
-    for ring in edges:
-        for i, j in ring:
-            count[(min(i, j), max(i, j))] = count.get((min(i, j), max(i, j)), 0) + 1
+    count = Counter((min(edge), max(edge)) for ring in edges for edge in ring)
     tiny = 10 * DRY * size
 
     def at_border(edge: tuple[int, int]) -> bool:
@@ -253,17 +251,10 @@ def _check_closed(surface: WettedSurface, name: str, size: float) -> None:
         return bool((ends[:, 2] > -tiny).all() or any((np.abs(ends[:, a]) < tiny).all() for a in surface.planes))
 
     open_ones = [edge for edge, n in count.items() if n == 1 and not at_border(edge)]
-    if open_ones and _missing(surface) > OPEN:
+    volumes = np.sum(surface.whole.mean(axis=1) * surface.area, axis=0)  # by x, y and z: of a closed surface the same
+    if open_ones and float(np.ptp(volumes) / np.abs(volumes).max()) > OPEN:
         where = corners[[i for edge in open_ones for i in edge]].mean(axis=0)
         raise ConfigError(
             f"{name}: has holes below the water: {len(open_ones)} open edges about x = {where[0]:.3g}, "
             f"y = {where[1]:.3g}, z = {where[2]:.3g} m; close them, or export the mesh anew"
         )
-
-
-def _missing(surface: WettedSurface) -> float:
-    """Relative spread of the volumes from x-, y- and z-integrals; a closed surface has one volume."""
-    whole = surface.whole
-    centre, area = whole.mean(axis=1), area_vectors(whole)
-    volumes = np.sum(centre * area, axis=0)
-    return float(np.ptp(volumes) / np.abs(volumes).max())

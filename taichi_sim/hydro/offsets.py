@@ -51,7 +51,6 @@ def compared(
     made: Panels, hull: WettedSurface, mass: float, cg: Array, rho: float, g: float
 ) -> dict[str, tuple[float, float]]:
     """Compare quantities of the offsets (first) and of the mesh (second), by name with unit."""
-    out: dict[str, tuple[float, float]] = {}
     ours = _measured(made)
     pairs = (("volume, m^3", lambda s: s.volume), ("waterplane, m^2", lambda s: s.waterplane["A"]),
              ("waterplane Ixx, m^4", lambda s: s.waterplane["yy"]),
@@ -59,9 +58,7 @@ def compared(
              ("LCB, m", lambda s: s.centre_of_buoyancy[0]), ("KB below water, m", lambda s: -s.centre_of_buoyancy[2]),
              ("GM_T, m", lambda s: s.stiffness(mass, cg, rho, g)[3, 3] / (mass * g)),
              ("GM_L, m", lambda s: s.stiffness(mass, cg, rho, g)[4, 4] / (mass * g)))  # fmt: skip
-    for name, of in pairs:
-        out[name] = float(of(ours)), float(of(hull))
-    return out
+    return {name: (float(of(ours)), float(of(hull))) for name, of in pairs}
 
 
 def _measured(panels: Panels) -> WettedSurface:

@@ -1,22 +1,58 @@
-"""Solution of all frequencies of one hull in several processes, and the database made of it."""
+"""Solution of all frequencies of one hull in several processes, and the database made of it.
 
-from collections.abc import Iterable, Mapping
-from concurrent.futures import as_completed
+Worker processes have one thread each, and end with the command.
+"""
+
+import os
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from multiprocessing import get_context
 from typing import NamedTuple
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
 from taichi_sim.config.base import MissingExtraError
-from taichi_sim.hydro.far_field import mean_drift, radiated_damping, response
-from taichi_sim.hydro.problem import Tank, added_mass_inf, solve
+from taichi_sim.hydro.problem import Tank, added_mass_inf, mean_drift, radiated_damping, response, solve
 from taichi_sim.hydro.surface import TURN_HORIZONTAL, turned_load, turned_matrix
-from taichi_sim.hydro.workers import workers
 from taichi_sim.usv.hull.database import HydroDatabase
 
+CONTEXT = get_context("spawn")
+WATCHED_S = 1.0  # s between checks that the command still runs
+# Workers have one thread each, because they share the cores and the matrices are small. (Threads of a BLAS that wait
+# for each other take ten times as long.) glibc keeps the memory of a frequency's matrices for the next frequency,
+# because to allocate it anew page by page takes up to half the time.
+ENVIRONMENT = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")} | {
+    f"MALLOC_{name}_": str(2**33) for name in ("MMAP_THRESHOLD", "TRIM_THRESHOLD")
+}
 Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating]
+
+
+@contextmanager
+def workers(count: int, begin: Callable[..., None] | None = None, *given: object) -> Iterator[ProcessPoolExecutor]:
+    """Pool of `count` processes, each of which first calls `begin(*given)`."""
+    own = os.getpid(), begin, given
+    with patch.dict(os.environ, ENVIRONMENT), ProcessPoolExecutor(count, CONTEXT, _begin, own) as pool:
+        yield pool
+
+
+def _begin(parent: int, begin: Callable[..., None] | None, given: tuple[object, ...]) -> None:
+    """Start a worker that ends when its parent ends, for whatever reason."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(WATCHED_S)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+    if begin is not None:
+        begin(*given)
 
 
 class Floating(NamedTuple):

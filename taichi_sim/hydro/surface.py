@@ -91,10 +91,6 @@ class WettedSurface:
         C[np.abs(C) < 1e-9 * np.abs(C).max()] = 0.0
         return C
 
-    def gaps(self) -> Array:
-        """Area [3] (m^2) along x and y by which the hull with its waterplane fails to close."""
-        return self.area.sum(axis=0) * [1.0, 1.0, 0.0]
-
     def _integral(self, f) -> Array:
         """Integral [3] of f n dS over all panels; exact for quadratic f on flat panels."""
         a, b, c, d = np.moveaxis(self.whole, 1, 0)

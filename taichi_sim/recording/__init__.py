@@ -3,11 +3,9 @@
 episode.py      the data of an episode, with shape, unit and frame of each array
 overlays.py     what a mission may draw and plot besides the vehicles; draw_overlays.py draws it
 recorder.py     records the frames of a world, with or without a mission; what it asks a vehicle model
-meshes.py       a boat, in the body frame b (forward-right-down)
-bodies.py       chooses the body of a team; airplanes and flying wings; vessel.py: a body made of a hull's own panels
-sea_grid.py     grid of the sea around a team; sea_patch.py: its waves and colours
-water_lines.py  lines on the water: rings and wakes
-space.py        the static scene; vehicles.py: the teams; arrows.py: loads, current, wind and air
+bodies.py       the body of a vehicle: its model's own surface, else a boat, an airplane or a flying wing
+sea_patch.py    the sea around a team: its grid, waves and colours
+space.py        the static scene; vehicles.py: the teams, their rings and wakes; arrows.py: loads, current, wind and air
 rrd.py          draws all of these, for an episode or its next part, and writes files
 stream.py       the state between parts; live.py: live views; frames.py: the only place where NED becomes ENU
 blueprint.py    layout of the viewer

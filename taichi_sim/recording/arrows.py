@@ -66,18 +66,14 @@ def arrow_text(episode: Episode) -> str:
     return "".join(f"- {line}\n" for line in lines) + ("\n" if lines else "")
 
 
-def _deck(team: TeamTrack) -> float:
-    """Height (m) of a boat's deck above its reference point."""
-    return 0.5 * team.size_m[2] if team.body is None else -float(np.min(team.body.vertices_b[:, 2]))
-
-
 def send_forces(stream: Stream, episode: Episode, team: TeamTrack) -> None:
     """Send an arrow for each force on each vehicle, in the vehicle's frame; a force that never acts has none."""
     scale = newtons_per_metre(episode.whole.teams[team.name])
     if scale is None:
         return
     length, colours = team.size_m[0], load_colours(team)
-    up = _deck(team) + RAISE * length if team.on_water else 0.0
+    deck = 0.5 * team.size_m[2] if team.body is None else -float(np.min(team.body.vertices_b[:, 2]))  # height, m
+    up = deck + RAISE * length if team.on_water else 0.0
     for name, force in team.forces.items():
         root = f"world/{team.name}/vehicle_{{}}/forces_1m_is_{scale:g}N/{name}"
         if not (stream.has(root.format(0)) or np.any(force.vector_b)):
@@ -150,7 +146,6 @@ def send_flow(stream: Stream, episode: Episode) -> None:
         return  # aircraft show their own wind
     length, course = team.size_m[0], float(team.course[0])
     for name, flow, colour, strongest in _flows(episode):
-        speed = np.linalg.norm(flow, axis=-1)
         scale = round_scale(strongest / (FLOW_LENGTHS * length))
         height = length if name == "wind" else 0.1 * length + line_lift(episode)
         vector = flow / scale
@@ -158,8 +153,7 @@ def send_flow(stream: Stream, episode: Episode) -> None:
         stream.static(path, rr.Arrows3D.from_fields(colors=colour, radii=1.6 * THICK * length, show_labels=True))
         # centred behind the first vehicle, towards the eye, so that the arrow does not seem to push it
         origin = enu(-0.5 * vector + [-ASTERN * length * np.cos(course), -ASTERN * length * np.sin(course), -height])
-        labels = [f"{name} {value:.1f} m/s" for value in speed]
-        stream.columns(path, rr.Arrows3D.columns(vectors=enu(vector), origins=origin, labels=labels))
+        stream.columns(path, rr.Arrows3D.columns(vectors=enu(vector), origins=origin, labels=_speeds(name, flow)))
 
 
 def _send_wind_on_map(stream: Stream, episode: Episode) -> None:
@@ -168,10 +162,13 @@ def _send_wind_on_map(stream: Stream, episode: Episode) -> None:
     side = float(np.min(high - low))
     middle = map_point(np.array([high[0] - MAP_SHARE * side, low[1] + MAP_SHARE * side]))
     for name, flow, colour, strongest in _flows(episode):
-        if name != "wind":
-            continue
-        speed = np.linalg.norm(flow, axis=-1)
-        vector = map_point(flow) * (MAP_SHARE * side / strongest)
-        stream.static("map/wind", rr.Arrows2D.from_fields(colors=colour, radii=-2.5, show_labels=True, draw_order=60.0))
-        labels = [f"wind {value:.1f} m/s" for value in speed]
-        stream.columns("map/wind", rr.Arrows2D.columns(vectors=vector, origins=middle - 0.5 * vector, labels=labels))
+        if name == "wind":
+            vector = map_point(flow) * (MAP_SHARE * side / strongest)
+            look = rr.Arrows2D.from_fields(colors=colour, radii=-2.5, show_labels=True, draw_order=60.0)
+            stream.static("map/wind", look)
+            row = rr.Arrows2D.columns(vectors=vector, origins=middle - 0.5 * vector, labels=_speeds(name, flow))
+            stream.columns("map/wind", row)
+
+
+def _speeds(name: str, flow: Array) -> list[str]:
+    return [f"{name} {speed:.1f} m/s" for speed in np.linalg.norm(flow, axis=-1)]

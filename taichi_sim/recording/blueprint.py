@@ -15,7 +15,7 @@ from taichi_sim.recording.overlays import Note, Plot, entity_name
 from taichi_sim.recording.plots import OTHERS, error_plots, signal_path
 from taichi_sim.recording.sea_patch import HAZE, patch_of
 from taichi_sim.recording.space import map_bounds
-from taichi_sim.recording.water_lines import TRAIL_S
+from taichi_sim.recording.vehicles import TRAIL_S
 
 MAP_ROOM = 0.2  # margin of a live view's map over its side
 CURVES = "curves"  # path of a live view's plots that belong to no episode
@@ -65,51 +65,39 @@ def blueprint(episode: Episode, live: LiveLayout | None = None) -> rrb.Blueprint
 def _views(episode: Episode) -> list[rrb.View | rrb.Tabs]:
     """A view of each team; where there is room, also a close view of the first aircraft."""
     teams = list(episode.teams.values())
-    of_team = {
-        team.name: [_follow(episode, team)] if team.on_water else [_follow(episode, team), _near(episode, team)]
-        for team in teams
-    }
-    if len(teams) == 1:
-        return [*of_team[teams[0].name]]
     places = [[team] for team in teams]
     if len(teams) > COLUMNS:
         places = [[team for team in teams if team.on_water == on_water] for on_water in (True, False)]
-    groups = [[view for team in place for view in of_team[team.name]] for place in places if place]
+    groups = [[view for team in place for view in _of_team(episode, team)] for place in places if place]
+    if len(teams) == 1:
+        return [*groups[0]]
     if episode.scene.overview:
-        groups[0].insert(0, _overview(episode, *episode.scene.overview))
+        name, reach = episode.scene.overview  # everything that near, from abeam of the first vehicle's initial course
+        eye = reach * np.array([-0.9, -1.3, 0.95])
+        groups[0].insert(0, _view(episode, episode.teams[name], "Overview", eye, np.zeros(3), UP))
     return [rrb.Tabs(*group) if len(group) > 1 else group[0] for group in groups]
 
 
-def _follow(episode: Episode, team: TeamTrack) -> rrb.Spatial3DView:
+def _of_team(episode: Episode, team: TeamTrack) -> list[rrb.Spatial3DView]:
     """View of a team from behind and above, far enough to hold the formation; it moves with the first vehicle.
 
     It is centred on that vehicle, because the formation's centre changes sides in every bend. The view of boats keeps
     the direction of the start. That of aircraft turns with the course but stays level, so that the horizon shows the
-    bank.
+    bank; a second view shows the first aircraft alone, from behind.
     """
     name, size = f"{team.name.upper()} team", max(team.size_m[:2])
     if not team.on_water:
-        away = 2.0 * team.formation_radius_m + 2.2 * size
-        return _view(episode, team, name, away * np.array([-0.95, 0.1, -0.3]), np.zeros(3), DOWN)
-    course = float(team.course[0])
-    forward = np.array([np.sin(course), np.cos(course), 0.0])
-    right = np.array([np.cos(course), -np.sin(course), 0.0])
+        away, span = 2.0 * team.formation_radius_m + 2.2 * size, team.size_m[1]
+        eye, look = span * np.array(NEAR_EYE), span * np.array(NEAR_LOOK)
+        return [
+            _view(episode, team, name, away * np.array([-0.95, 0.1, -0.3]), np.zeros(3), DOWN),
+            _view(episode, team, team.vehicle_name(0), eye, look, DOWN),
+        ]
+    north, east = np.cos(team.course[0]), np.sin(team.course[0])
+    forward, right = np.array([east, north, 0.0]), np.array([north, -east, 0.0])
     away = 1.15 * team.formation_radius_m + 2.2 * size
     eye = away * (-0.95 * forward + 0.45 * right + np.array([0.0, 0.0, 0.5]))
-    return _view(episode, team, name, eye, np.zeros(3), UP)
-
-
-def _overview(episode: Episode, name: str, reach: float) -> rrb.Spatial3DView:
-    """View of everything within `reach` (m) of the first vehicle of team `name`, from abeam of its initial course."""
-    eye = reach * np.array([-0.9, -1.3, 0.95])
-    return _view(episode, episode.teams[name], "Overview", eye, np.zeros(3), UP)
-
-
-def _near(episode: Episode, team: TeamTrack) -> rrb.Spatial3DView:
-    """View of the first aircraft alone, from behind."""
-    span = team.size_m[1]
-    eye, look = span * np.array(NEAR_EYE), span * np.array(NEAR_LOOK)
-    return _view(episode, team, team.vehicle_name(0), eye, look, DOWN)
+    return [_view(episode, team, name, eye, np.zeros(3), UP)]
 
 
 def _view(
@@ -123,31 +111,24 @@ def _view(
         background=tuple(int(part) for part in HAZE),
         line_grid=False,
         eye_controls=rrb.EyeControls3D(position=eye, look_target=look, eye_up=up),
-        overrides=_trails(episode) | _hidden(episode, team),
+        overrides=_overrides(episode, team),
     )
 
 
-def _trails(episode: Episode) -> dict:
-    """Visible time ranges of segmented trails. Boats' trails are whole lines, so they need none."""
-    return {f"world/{one.name}/trails": _last_seconds() for one in episode.teams.values() if not one.on_water}
+def _overrides(episode: Episode, team: TeamTrack) -> dict:
+    """What differs in a team's view: hidden are other teams' sea and, for boats, lines down from aircraft.
 
-
-def _hidden(episode: Episode, team: TeamTrack) -> dict:
-    """Entities hidden in a team's view: other teams' sea and, for boats, lines down from aircraft."""
-    patches = patch_of(episode)
-    paths = [f"world/{name}/sea" for name in set(patches.values()) if name != patches[team.name]]
-    if team.on_water:
-        paths += [f"world/{one.name}/plumb_lines" for one in episode.teams.values() if not one.on_water]
-    return {path: rrb.EntityBehavior(visible=False) for path in paths}
-
-
-def _last_seconds() -> rrb.VisibleTimeRanges:
-    """Time range of segmented trails; other entities show the present only, or each would be drawn once a step."""
-    return rrb.VisibleTimeRanges(
-        timeline="sim_time",
-        start=rr.TimeRangeBoundary.cursor_relative(seconds=-TRAIL_S),
-        end=rr.TimeRangeBoundary.cursor_relative(),
-    )
+    Trails of aircraft show the last seconds, because they are segmented; boats' trails are whole lines. All else shows
+    the present only.
+    """
+    aloft, patches = [one.name for one in episode.teams.values() if not one.on_water], patch_of(episode)
+    hidden = [f"world/{name}/sea" for name in set(patches.values()) if name != patches[team.name]]
+    hidden += [f"world/{name}/plumb_lines" for name in aloft] if team.on_water else []
+    now = rr.TimeRangeBoundary.cursor_relative
+    trail = rrb.VisibleTimeRanges(timeline="sim_time", start=now(seconds=-TRAIL_S), end=now())
+    return {f"world/{name}/trails": trail for name in aloft} | {
+        path: rrb.EntityBehavior(visible=False) for path in hidden
+    }
 
 
 def _series(name: str, *contents: str, hidden: Sequence[str] = ()) -> rrb.TimeSeriesView:
@@ -185,11 +166,8 @@ def _plots(episode: Episode) -> list[Sequence[rrb.View]]:
     added = [_series(overlay.name, entity_name(overlay)) for overlay in episode.overlays if isinstance(overlay, Plot)]
     motion = []
     for team in teams:
-        motion.append(_each(team, "roll, pitch (deg)", f"attitude/{team.name}"))
-        if team.on_water:
-            motion.append(_each(team, "heave, wave (m)", f"heave/{team.name}"))
-        else:
-            motion.append(_each(team, "altitude (m)", f"altitude/{team.name}"))
+        up = ("heave, wave (m)", f"heave/{team.name}") if team.on_water else ("altitude (m)", f"altitude/{team.name}")
+        motion += [_each(team, "roll, pitch (deg)", f"attitude/{team.name}"), _each(team, *up)]
         motion.append(_series(f"{team.vehicle_name(0)} heading (deg)", f"heading/{team.name}"))
     signals = [_each(team, name, signal_path(team, name)) for team in teams for name in team.signals]
     gets = [_series(f"{team.name.upper()} reward", f"reward/{team.name}") for team in teams if team.reward is not None]

@@ -1,7 +1,7 @@
 """A mission's overlays in the 3D views, on the map, in the plots and in the log of events."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import rerun as rr
@@ -22,24 +22,10 @@ ROUND = np.linspace(0.0, 2.0 * np.pi, 33)  # rad, an ellipse on the map
 Geometry = Lines | Points | Cylinders | Ellipsoids | Arrows
 
 
-class Archetype(Protocol):
-    """A class of rerun such as rr.Points3D."""
-
-    @property
-    def from_fields(self) -> Callable[..., rr.AsComponents]:
-        """Make one from components."""
-        ...
-
-    @property
-    def columns(self) -> Callable[..., rr.ComponentColumnList]:
-        """Make columns of components, one row for each item."""
-        ...
-
-
 class Style(NamedTuple):
     """rerun's archetype and data of one overlay, without items that hold NaN."""
 
-    kind: Archetype
+    kind: Any  # such as rr.Points3D
     rows: Mapping[str, Array | list[Array]]  # component -> [rows, ...]
     look: Mapping[str, float | str]  # components that hold for all rows
 
@@ -59,16 +45,16 @@ def send_overlays(stream: Stream, episode: Episode) -> None:
 
 def _send_geometry(stream: Stream, overlay: Geometry, like: Geometry, lift: float) -> None:
     """Send an overlay that looks like `like`, the same overlay of the whole episode."""
-    arrays, (world, flat) = tuple(overlay.shapes), KINDS[type(overlay)]
+    arrays = tuple(overlay.shapes)
     moves = max(len(getattr(one, name)) for one in (overlay, like) for name in arrays) > 1
     given = [getattr(overlay, name) for name in arrays]
     frames, count = max(len(array) for array in given), given[0].shape[1]
     values = [np.broadcast_to(array, (frames, *array.shape[1:])).astype(np.float64) for array in given]
     seen = np.logical_and.reduce([_known(name, array) for name, array in zip(arrays, values, strict=True)])
     labels = np.broadcast_to(overlay.labels, (frames, count))[seen].tolist() if overlay.labels else []
-    for root, draw in (("world", world), ("map", flat)):
+    looks = LOOKS[type(overlay)](like, lift, *(array[seen] for array in values))
+    for root, look in zip(("world", "map"), looks, strict=True):
         if overlay.where in (root, "both"):
-            look = draw(like, lift, *(array[seen] for array in values))
             _send(stream, f"{root}/{entity_name(overlay)}", look, overlay, labels, seen.sum(axis=1) if moves else None)
 
 
@@ -122,67 +108,47 @@ def _raised(place_n: Array, lift: float) -> Array:
     return enu(place_n - (0.0, 0.0, lift))
 
 
-def _strips(points_n: Array) -> list[Array]:
-    return [strip[np.isfinite(strip).all(axis=-1)] for strip in points_n]
+def _lines(overlay: Lines, lift: float, points: Array) -> tuple[Style, Style]:
+    strips = [strip[np.isfinite(strip).all(axis=-1)] for strip in points]
+    look, flat = {"radii": overlay.radius}, [map_point(strip) for strip in strips]
+    raised = [_raised(strip, lift) for strip in strips]
+    return Style(rr.LineStrips3D, {"strips": raised}, look), Style(rr.LineStrips2D, {"strips": flat}, look)
 
 
-def _lines(overlay: Lines, lift: float, points: Array) -> Style:
-    strips = [_raised(strip, lift) for strip in _strips(points)]
-    return Style(rr.LineStrips3D, {"strips": strips}, {"radii": overlay.radius})
+def _points(overlay: Points, lift: float, place: Array) -> tuple[Style, Style]:
+    look = {"radii": overlay.radius}
+    world = Style(rr.Points3D, {"positions": _raised(place, lift)}, look)
+    return world, Style(rr.Points2D, {"positions": map_point(place)}, look)
 
 
-def _flat_lines(overlay: Lines, _: float, points: Array) -> Style:
-    return Style(
-        rr.LineStrips2D, {"strips": [map_point(strip) for strip in _strips(points)]}, {"radii": overlay.radius}
-    )
-
-
-def _points(overlay: Points, lift: float, place: Array) -> Style:
-    return Style(rr.Points3D, {"positions": _raised(place, lift)}, {"radii": overlay.radius})
-
-
-def _flat_points(overlay: Points, _: float, place: Array) -> Style:
-    return Style(rr.Points2D, {"positions": map_point(place)}, {"radii": overlay.radius})
-
-
-def _cylinders(_: Cylinders, lift: float, place: Array, size: Array) -> Style:
+def _cylinders(_: Cylinders, lift: float, place: Array, size: Array) -> tuple[Style, Style]:
     rows = {"centers": _raised(place, lift), "radii": size[:, 0], "lengths": size[:, 1]}
-    return Style(rr.Cylinders3D, rows, {"fill_mode": "solid"})
+    flat = {"positions": map_point(place), "radii": size[:, 0]}
+    return Style(rr.Cylinders3D, rows, {"fill_mode": "solid"}), Style(rr.Points2D, flat, {})
 
 
-def _flat_cylinders(_: Cylinders, __: float, place: Array, size: Array) -> Style:
-    return Style(rr.Points2D, {"positions": map_point(place), "radii": size[:, 0]}, {})
-
-
-def _ellipsoids(_: Ellipsoids, lift: float, place: Array, half_axes: Array, heading: Array) -> Style:
+def _ellipsoids(
+    overlay: Ellipsoids, lift: float, place: Array, half_axes: Array, heading: Array
+) -> tuple[Style, Style]:  # fmt: skip
     rows = {"centers": _raised(place, lift), "half_sizes": half_axes, "quaternions": level_quaternion(heading)}
-    return Style(rr.Ellipsoids3D, rows, {"fill_mode": "majorwireframe"})
-
-
-def _flat_ellipsoids(overlay: Ellipsoids, _: float, place: Array, half_axes: Array, heading: Array) -> Style:
+    world = Style(rr.Ellipsoids3D, rows, {"fill_mode": "majorwireframe"})
     long, wide, _ = np.moveaxis(overlay.half_axes_m, -1, 0)
     if np.array_equal(long, wide):  # circles take a tenth of the bytes
         round_about = {"centers": map_point(place), "half_sizes": half_axes[:, [0, 0]]}
-        return Style(rr.Ellipses2D, round_about, {"line_radii": -1.2})
+        return world, Style(rr.Ellipses2D, round_about, {"line_radii": -1.2})
     along, right = half_axes[:, :1] * np.cos(ROUND), half_axes[:, 1:2] * np.sin(ROUND)
     cos, sin = np.cos(heading)[:, None], np.sin(heading)[:, None]
     outline = place[:, None, :2] + np.stack([cos * along - sin * right, sin * along + cos * right], axis=-1)
-    return Style(rr.LineStrips2D, {"strips": list(map_point(outline))}, {"radii": -1.2})
+    return world, Style(rr.LineStrips2D, {"strips": list(map_point(outline))}, {"radii": -1.2})
 
 
-def _arrows(overlay: Arrows, lift: float, origin: Array, vector: Array) -> Style:
-    return Style(rr.Arrows3D, {"origins": _raised(origin, lift), "vectors": enu(vector)}, {"radii": overlay.radius})
+def _arrows(overlay: Arrows, lift: float, origin: Array, vector: Array) -> tuple[Style, Style]:
+    look = {"radii": overlay.radius}
+    world = Style(rr.Arrows3D, {"origins": _raised(origin, lift), "vectors": enu(vector)}, look)
+    return world, Style(rr.Arrows2D, {"origins": map_point(origin), "vectors": map_point(vector)}, look)
 
 
-def _flat_arrows(overlay: Arrows, _: float, origin: Array, vector: Array) -> Style:
-    return Style(rr.Arrows2D, {"origins": map_point(origin), "vectors": map_point(vector)}, {"radii": overlay.radius})
-
-
-KINDS: dict[type, tuple[Callable[..., Style], Callable[..., Style]]] = {
-    Lines: (_lines, _flat_lines),
-    Points: (_points, _flat_points),
-    Cylinders: (_cylinders, _flat_cylinders),
-    Ellipsoids: (_ellipsoids, _flat_ellipsoids),
-    Arrows: (_arrows, _flat_arrows),
-}
+LOOKS: dict[type, Callable[..., tuple[Style, Style]]] = {
+    Lines: _lines, Points: _points, Cylinders: _cylinders, Ellipsoids: _ellipsoids, Arrows: _arrows,
+}  # fmt: skip
 """Overlay -> how it looks in 3D and on the map."""

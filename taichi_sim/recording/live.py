@@ -68,16 +68,14 @@ class Live:
         """
         refuse_used(port)
         self.url = f"rerun+http://{HOST}:{port}/proxy"
-        self._server = _tied([program(), "--serve-grpc", "--bind", HOST, "--port", str(port),
-                              "--server-memory-limit", SERVER_MEMORY])  # fmt: skip
+        limit = ["--server-memory-limit", SERVER_MEMORY]
+        command = [program(), "--serve-grpc", "--bind", HOST, "--port", str(port), *limit]
+        self._server = _started(["sh", "-c", TIED.format(command=shlex.join(command))], subprocess.PIPE)
         _await_server(self._server, port)
         viewer = has_display() if viewer is None else viewer
         if viewer:
             command = [program(), self.url, "--bind", HOST, "--port", "auto", "--memory-limit", VIEWER_MEMORY]
-            self._viewer = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-                start_new_session=True, env=os.environ | QUIET,
-            )  # fmt: skip
+            self._viewer = _started(command, subprocess.DEVNULL)
         self.told = f"live: {'a viewer is opening; another: ' if viewer else ''}rerun {self.url}"
         # a viewer stores one layout per application name
         self._rec = rr.RecordingStream(f"taichi_sim live {name} {uuid.uuid4().hex[:6]}")
@@ -109,8 +107,10 @@ class Live:
             self._outbox.log("events", rr.TextLog("live", level="INFO"), static=True)
             self._outbox.end(at)
         self._outbox.begin()
-        if self._stream is None:
-            self._clear(float(part.time_s[0]) + after_s)
+        if self._stream is None:  # nothing of the previous episode stays
+            clock = np.timedelta64(round((float(part.time_s[0]) + after_s) * 1e9) - 1, "ns")
+            for root in ROOTS:
+                self._outbox.call(_log_at, self._rec, clock, root, rr.Clear(recursive=True))
             self._stream = Stream(self._outbox, first=self._first)
         self._stream.after_s = after_s
         draw(self._stream, part)
@@ -134,12 +134,6 @@ class Live:
         self._outbox.log(path, rr.SeriesLines(names=list(lines)), static=True)
         self._outbox.send_columns(path, clock, points)
         self._outbox.end(0.0)
-
-    def _clear(self, time_s: float) -> None:
-        """Clear all entities of the previous episode."""
-        clock = {"sim_time": np.timedelta64(round(time_s * 1e9) - 1, "ns")}
-        for root in ROOTS:
-            self._outbox.call(_log_at, self._rec, clock, root, rr.Clear(recursive=True))
 
     def close(self) -> None:
         """End the server; viewers keep their data."""
@@ -212,9 +206,8 @@ def has_display() -> bool:
     return sys.platform in ("darwin", "win32") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-def _log_at(rec: rr.RecordingStream, clock: Mapping[str, np.timedelta64], path: str, thing: rr.AsComponents) -> None:
-    for timeline, now in clock.items():
-        rec.set_time(timeline, duration=now)
+def _log_at(rec: rr.RecordingStream, now: np.timedelta64, path: str, thing: rr.AsComponents) -> None:
+    rec.set_time("sim_time", duration=now)
     rec.log(path, thing)
     rec.reset_time()
 
@@ -243,17 +236,16 @@ def program() -> str:
 
     folder = Path(str(rerun_cli.__file__)).parent
     places = [folder / "rerun", folder / "Rerun.app" / "Contents" / "MacOS" / "Rerun"]
-    found = os.environ.get("RERUN_CLI_PATH") or next((str(place) for place in places if place.exists()), None)
-    if found is None:
-        raise OSError(errno.ENOENT, f"rerun's viewer is not in {folder}: install rerun-sdk anew")
-    return found
+    if found := os.environ.get("RERUN_CLI_PATH") or next((str(place) for place in places if place.exists()), None):
+        return found
+    raise OSError(errno.ENOENT, f"rerun's viewer is not in {folder}: install rerun-sdk anew")
 
 
-def _tied(command: Sequence[str]) -> subprocess.Popen:
-    """Run a command that ends with this process and ignores its Ctrl-C."""
+def _started(command: Sequence[str], stdin: int) -> subprocess.Popen:
+    """Run a silent command that ignores this process's Ctrl-C."""
     return subprocess.Popen(
-        ["sh", "-c", TIED.format(command=shlex.join(command))], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL, start_new_session=True, env=os.environ | QUIET,
+        command, stdin=stdin, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
+        env=os.environ | QUIET,
     )  # fmt: skip
 
 

@@ -43,9 +43,8 @@ def send_plots(stream: Stream, episode: Episode, team: TeamTrack) -> None:
         send_plot(stream, f"plots/{path}/{name}", team.error_m[:, of], names[of], colours[of])
     if team.reward is not None:
         send_plot(stream, f"plots/reward/{name}", team.reward, names, colours)
-    headings = _headings(stream, team)
-    values = np.stack([*headings.values()], axis=1)
-    send_plot(stream, f"plots/heading/{name}", values, [*headings], [livery.first, TARGET][: len(headings)])
+    lines, headings = _headings(stream, team)
+    send_plot(stream, f"plots/heading/{name}", headings, lines, [livery.first, TARGET][: len(lines)])
     of_each = [vehicle_plots(team, vehicle) for vehicle in everyone]
     for path, (labels, first) in of_each[0].items():
         send_plot(stream, f"plots/{path}/first", first, labels, _shades(colours[0], len(labels)))
@@ -71,14 +70,14 @@ def error_plots(team: TeamTrack) -> dict[str, slice]:
     return {"tracking_error": slice(0, 1), "formation_error": slice(1, None)}
 
 
-def _headings(stream: Stream, team: TeamTrack) -> dict[str, Array]:
-    """Heading of the first vehicle, and the course of its target, deg, without jumps by 360."""
+def _headings(stream: Stream, team: TeamTrack) -> tuple[list[str], Array]:
+    """Names and values [T, K] of the first vehicle's heading and its target's course, without jumps by 360."""
     heading = np.degrees(euler(team.quaternion_nb[:, 0])[HEADING])
     if team.target_course is None:
-        return {"heading (deg)": _unwrapped(stream, team, heading)}
+        return ["heading (deg)"], _unwrapped(stream, team, heading)[:, None]
     course = _unwrapped(stream, team, np.degrees(team.target_course))
     heading = course + (heading - course + 180.0) % 360.0 - 180.0  # on the turn nearest to the target's course
-    return {"heading (deg)": heading, "target course (deg)": course}
+    return ["heading (deg)", "target course (deg)"], np.stack([heading, course], axis=1)
 
 
 def _unwrapped(stream: Stream, team: TeamTrack, angle: Array) -> Array:

@@ -1,6 +1,6 @@
 """Records a world's motion frame by frame: one environment, all teams, and what the models report."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TypedDict, Unpack
 
@@ -169,13 +169,8 @@ class Recorder:
         """
         if not self._time:
             raise ValueError("nothing to record: no frame was added")
-        config = self.world.config
+        config, sea, begin, index = self.world.config, self.world.sea, self._begin, self._sea
         name = config.name if name is None else name
-        sea, begin, index = self.world.sea, self._begin, self._sea
-
-        def waves(time_s: float) -> Array:
-            return sea.waves_at(begin + time_s, index)
-
         return Episode(
             name=name,
             time_s=self.time_s,
@@ -187,7 +182,7 @@ class Recorder:
             overlays=tuple(overlays),
             current_n=np.stack([current for current, _ in self._flows]),
             wind_n=np.stack([wind for _, wind in self._flows]),
-            waves=waves,
+            waves=lambda time_s: sea.waves_at(begin + time_s, index),
             like=like,
         )
 
@@ -232,31 +227,22 @@ def _actions(names: tuple[str, ...], rows: list[Array | None]) -> tuple[tuple[st
 
 def air_of(model: Vehicle, aux: Array) -> Array | None:
     """Velocity of the air met [T, V, 3] (m/s, n) from the named columns `aux` [T, V, n]; None if there is none."""
-    if model.air is None:
-        return None
-    return np.stack([_column(model, aux, column) for column in model.air], axis=-1)
+    return None if model.air is None else _columns(model, aux, model.air)
 
 
 def forces_of(model: Vehicle, aux: Array) -> dict[str, Force]:
     """Forces (N) from the named columns `aux` [T, V, n]."""
-    return {
-        name: Force(origin, np.stack([_column(model, aux, column) for column in columns], axis=-1))
-        for name, (origin, columns) in model.forces.items()
-    }
+    return {name: Force(origin, _columns(model, aux, columns)) for name, (origin, columns) in model.forces.items()}
 
 
 def signals_of(model: Vehicle, aux: Array) -> dict[str, Signal]:
     """Plots from the named columns `aux` [T, V, n]."""
-    return {
-        name: Signal(columns, unit, np.stack([_column(model, aux, column) for column in columns], axis=-1))
-        for name, (unit, columns) in model.signals.items()
-    }
+    return {name: Signal(names, unit, _columns(model, aux, names)) for name, (unit, names) in model.signals.items()}
 
 
-def _column(model: Vehicle, aux: Array, name: str | None) -> Array:
-    """The column `name` [T, V] of `aux`; zeros if `name` is None."""
-    if name is None:
-        return np.zeros(aux.shape[:-1], aux.dtype)
-    if name not in model.aux_names:
-        raise ValueError(f"{type(model).__name__}: no column {name!r} in aux_names {model.aux_names}")
-    return aux[..., model.aux_names.index(name)]
+def _columns(model: Vehicle, aux: Array, names: Sequence[str | None]) -> Array:
+    """The columns `names` [T, V, name] of `aux`; zeros for None."""
+    if missing := [name for name in names if name is not None and name not in model.aux_names]:
+        raise ValueError(f"{type(model).__name__}: no column {missing[0]!r} in aux_names {model.aux_names}")
+    zeros = np.zeros(aux.shape[:-1], aux.dtype)
+    return np.stack([zeros if name is None else aux[..., model.aux_names.index(name)] for name in names], axis=-1)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import rerun as rr
 
+from taichi_sim.config.io import replacing
 from taichi_sim.recording.arrows import arrow_text, send_air, send_flow, send_forces
 from taichi_sim.recording.blueprint import blueprint
 from taichi_sim.recording.draw_overlays import send_overlays
@@ -48,15 +49,13 @@ def write_recording(episode: Episode, path: Path) -> Path:
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.part")
     strict = rr.strict_mode()
     rr.set_strict_mode(True)
     try:
-        _write(episode, part)
-        os.replace(part, path)
+        with replacing(path) as part:
+            _write(episode, part)
     finally:
         rr.set_strict_mode(strict)
-        part.unlink(missing_ok=True)
     return path
 
 

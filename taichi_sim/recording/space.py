@@ -27,12 +27,6 @@ def line_lift(episode: Episode) -> float:
     return max(float(np.quantile(np.abs(episode.whole.afloat.wave_height), 0.9)), 0.1)
 
 
-def _flight_height(episode: Episode) -> float:
-    """Height (m) of the track of the team that the sea patch follows."""
-    track = episode.scene.tracks_n.get(episode.afloat.name)
-    return 0.0 if track is None else -float(np.mean(track[:, DOWN]))
-
-
 def map_bounds(episode: Episode) -> tuple[Array, Array]:
     """South-west and north-east corner [2] (north, east, m) of the map."""
     episode = episode.whole
@@ -57,7 +51,8 @@ def send_scene(stream: Stream, episode: Episode) -> None:
     if len(scene.checkpoints_n):
         numbers = [str(number + 1) for number in range(len(scene.checkpoints_n))]
         spot, radius = map_point(scene.checkpoints_n), 0.2 * episode.afloat.size_m[0]
-        up = np.full(len(spot), _flight_height(episode) + CHECKPOINT_UP_M)
+        track = scene.tracks_n.get(episode.afloat.name)  # of the team that the sea patch follows
+        up = np.full(len(spot), CHECKPOINT_UP_M + (0.0 if track is None else -float(np.mean(track[:, DOWN]))))
         place = np.column_stack([spot[:, 0], -spot[:, 1], up])
         stream.static("world/checkpoints", rr.Points3D(place, labels=numbers, colors=CHECKPOINT, radii=radius))
         mark = rr.Points2D(spot, labels=numbers, show_labels=True, colors=CHECKPOINT, radii=-4.0, draw_order=20.0)
@@ -66,15 +61,12 @@ def send_scene(stream: Stream, episode: Episode) -> None:
         radius, height = np.asarray(scene.obstacles[:, 2:], dtype=np.float32).T
         spot = map_point(scene.obstacles[:, :2])
         centre = np.column_stack([spot[:, 0], -spot[:, 1], 0.5 * (height - SUNK_M)])
-        pillar = rr.Cylinders3D(
-            lengths=height + SUNK_M, radii=radius, centers=centre, colors=OBSTACLE, fill_mode="solid"
-        )
-        stream.static("world/obstacles", pillar)
+        pillar = {"lengths": height + SUNK_M, "radii": radius, "centers": centre, "colors": OBSTACLE}
+        stream.static("world/obstacles", rr.Cylinders3D(**pillar, fill_mode="solid"))
         stream.static("map/obstacles", rr.Points2D(spot, radii=radius, colors=OBSTACLE))
     if scene.area_m is not None:
-        side = scene.area_m
-        border = rr.Boxes2D(mins=[-0.5 * side, -0.5 * side], sizes=[side, side], colors=FRAME)
-        stream.static("map/area", border)
+        half = 0.5 * scene.area_m
+        stream.static("map/area", rr.Boxes2D(mins=[-half, -half], sizes=[2.0 * half, 2.0 * half], colors=FRAME))
 
 
 def send_sea(stream: Stream, episode: Episode) -> None:

@@ -25,23 +25,16 @@ class RecordingStream(Protocol):
 
 
 class Stream:
-    """Sends static data, and data that change as whole columns.
-
-    Attributes:
-        ns: [T] clock of the part, ns.
-        first: number of the part's first step.
-        after_s: offset of the next part's clock, s.
-        memory: state of drawing between parts.
-    """
+    """Sends static data, and data that change as whole columns."""
 
     def __init__(self, rec: RecordingStream, *, after_s: float = 0.0, first: int = 0) -> None:
         """Begin an episode on `rec`, an rr.RecordingStream or a replacement for it.
 
         Its clock counts from `after_s`, its steps from `first`.
         """
-        self.rec, self.first, self.after_s = rec, first, after_s
-        self.ns = np.zeros(0, dtype=np.int64)
-        self.memory: dict[str, Any] = {}
+        self.rec, self.first, self.after_s = rec, first, after_s  # first: number of the part's first step
+        self.ns = np.zeros(0, dtype=np.int64)  # [T] clock of the part, ns
+        self.memory: dict[str, Any] = {}  # state of drawing between parts
         self.begins = True  # this is the first part
         self._said: set[str] = set()
 

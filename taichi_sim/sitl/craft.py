@@ -7,6 +7,7 @@ cruising airspeed.
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from torch import Tensor
@@ -16,7 +17,6 @@ from taichi_sim.config import AirConfig, ConfigError, SeaConfig
 from taichi_sim.conventions import GRAVITY, QUATERNION, VELOCITY
 from taichi_sim.kernels.rotation import numpy_rotation_matrix, torch_euler_from_quaternion
 from taichi_sim.sitl.channels import PWM, Mixer, changes_for, default_channels
-from taichi_sim.sitl.packets import Sensors
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.vehicle import Vehicle
 from taichi_sim.vehicles import Changes, load_vehicle
@@ -28,14 +28,31 @@ HELD_HEIGHT = 50.0  # m, height at which aircraft are held; they report their po
 OPEN = 0.6  # throttle at which a held aircraft is released
 
 
-class Craft:
-    """One vehicle in a sea and a wind.
+class Servos(NamedTuple):
+    """A packet from ArduPilot."""
 
-    Attributes:
-        model, bench: those of the present frame rate.
-        rate: frame rate, Hz.
-        frames: number of frames since the beginning.
-    """
+    rate: int  # frame rate, Hz
+    frame: int  # counts from 0; repeated if no answer arrived
+    pwm: tuple[int, ...]  # microseconds; 0: no output
+
+
+class Sensors(NamedTuple):
+    """Measurements of a vehicle at the end of a frame; SI, NED and forward-right-down."""
+
+    timestamp: float  # simulated time, s
+    gyro: tuple[float, float, float]  # rad/s, b
+    accel_body: tuple[float, float, float]  # specific force, m/s^2, b: (0, 0, -9.8) at rest
+    position: tuple[float, float, float]  # from the initial position, m, NED
+    attitude: tuple[float, float, float]  # roll, pitch, yaw, rad
+    quaternion: tuple[float, float, float, float]  # w, x, y, z, b to NED
+    velocity: tuple[float, float, float]  # over ground, m/s, NED
+    airspeed: float | None = None  # m/s
+    wind_direction: float | None = None  # direction that the apparent wind blows from, clockwise from the bow, rad
+    wind_speed: float | None = None  # apparent wind, m/s
+
+
+class Craft:
+    """One vehicle in a sea and a wind."""
 
     def __init__(
         self,
@@ -62,12 +79,10 @@ class Craft:
         for section, values in changes_for(first).items():
             self.changes[section] = values | self.changes.get(section, {}) | values
         self.channels = channels or default_channels(load_vehicle(vehicle, 1e-3, 1, **self.changes))
-        self.rate, self.frames, self.held = 0, 0, False
-        self.model: Vehicle
+        self.rate, self.frames, self.held = 0, 0, False  # Hz; frames since the beginning; still at its place
+        self.model: Vehicle  # that of the present rate, as are bench and mixer
         self.bench: Bench
         self.mixer: Mixer
-
-    # -- beginning -------------------------------------------------------------------------------------------------
 
     def begin(self, rate: int) -> None:
         """Place the vehicle at rest at its initial position, for frames of `rate` Hz."""
@@ -115,8 +130,6 @@ class Craft:
         self.mixer = Mixer(self.model, self.channels, self.pwm)
         self.rate = rate
 
-    # -- moving ----------------------------------------------------------------------------------------------------
-
     def advance(self, pwm: tuple[int, ...]) -> None:
         """Advance by one frame under the servo outputs `pwm` (microseconds)."""
         b, kept = self.bench, None
@@ -130,10 +143,8 @@ class Craft:
             b.fleet.update()
 
     def _released(self, kept: Tensor, pwm: tuple[int, ...]) -> bool:
-        """Whether a held vehicle is released: a multirotor when its rotors lift it, an aircraft when its throttle
-        opens.
-
-        `kept` is the state before the frame.
+        """Whether a held vehicle, in state `kept` before the frame, is released: a multirotor when its rotors lift it,
+        an aircraft when its throttle opens.
         """
         b = self.bench
         if isinstance(self.model.params, FixedWingParams):
@@ -148,8 +159,6 @@ class Craft:
             return False
         self.held = False
         return True
-
-    # -- measuring -------------------------------------------------------------------------------------------------
 
     def _state(self) -> np.ndarray:
         return self.bench.state[0, 0].double().cpu().numpy()

@@ -18,7 +18,6 @@ Sensors have white noise, because PX4 takes a sensor that does not change for a 
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -26,10 +25,9 @@ import numpy as np
 from taichi_sim.config.base import MissingExtraError
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.kernels.rotation import numpy_rotation_matrix
-from taichi_sim.recording.ros.geodesy import FJORD, geodetic
-from taichi_sim.sitl.craft import HELD_HEIGHT, Craft
-from taichi_sim.sitl.packets import Sensors, Servos
-from taichi_sim.sitl.session import MOST_REASONS
+from taichi_sim.recording.frames import FJORD, geodetic
+from taichi_sim.sitl.ardupilot import Counts
+from taichi_sim.sitl.craft import HELD_HEIGHT, Craft, Sensors, Servos
 
 PORT = 4560  # of PX4's first instance; the next ones follow
 RATE = 250  # frames per second, those of PX4's inertial sensors
@@ -59,28 +57,8 @@ def mavlink() -> Any:
     return common
 
 
-@dataclass
-class MessageCounts:
-    """Numbers of frames and messages."""
-
-    frames: int = 0  # answered by controls
-    waiting: int = 0  # frames before the first controls
-    resent: int = 0  # frames that were sent again
-    late: int = 0  # controls that were repeated, or of an older frame
-    restarts: int = 0
-    refused: dict[str, int] = field(default_factory=dict)  # reason -> number
-
-
 class Px4Session:
-    """A craft and the PX4 that drives it.
-
-    Attributes:
-        craft: the vehicle.
-        counts: numbers of frames and messages.
-        seen: functions that are called after each new frame.
-        last: outputs of the last frame; None before the first one.
-        driven: whether controls have come over this connection.
-    """
+    """A craft and the PX4 that drives it."""
 
     def __init__(self, craft: Craft, seed: int = 0):
         """Start without a peer; `seed` is of the sensors' noise.
@@ -88,18 +66,16 @@ class Px4Session:
         Raises:
             MissingExtraError: if pymavlink is not installed.
         """
-        self.craft, self.counts, self.seed = craft, MessageCounts(), seed
-        self.seen: list[Callable[[Servos, Sensors], None]] = []
-        self.last: Servos | None = None
+        self.craft, self.counts, self.seed = craft, Counts(), seed
+        self.seen: list[Callable[[Servos, Sensors], None]] = []  # called after each new frame
+        self.last: Servos | None = None  # outputs of the last frame
         self.dialect = mavlink()
         self._send: Callable[[bytes], None] | None = None
         self._begun = False
         self._due = self._silent = 0.0  # s, of the clock
         self._taken = 0  # time of the last controls, microseconds
         self._frame = b""
-        self.driven = False  # whether controls have come
-
-    # -- connections -------------------------------------------------------------------------------------------------
+        self.driven = False  # whether controls have come over this connection
 
     @property
     def connected(self) -> bool:
@@ -141,6 +117,16 @@ class Px4Session:
             self._silent = now
         return RESEND - (now - self._silent)
 
+    def state(self, seconds: float) -> str:
+        """A line on the conversation of the last `seconds`."""
+        c, craft = self.counts, self.craft
+        if not self.connected:
+            return f"waiting for PX4{c.refusals}"
+        return (
+            f"t {craft.frames / craft.rate:.1f} s, {c.frames} frames ({c.frames / seconds:.0f}/s), {c.waiting} before "
+            f"the first controls, sent again {c.resent}, late {c.late}, restarts {c.restarts}{c.refusals}"
+        )
+
     def receive(self, data: bytes) -> None:
         """Take bytes of the connection, cut anywhere."""
         for message in self.link.parse_buffer(data) or ():
@@ -148,7 +134,7 @@ class Px4Session:
             if kind == "HIL_ACTUATOR_CONTROLS":
                 self._take(message)
             elif kind == "BAD_DATA":
-                self._refuse("bytes that are no MAVLink message")
+                self.counts.refuse("bytes that are no MAVLink message")
 
     def _take(self, message: Any) -> None:
         if self.driven and message.time_usec <= self._taken:
@@ -158,12 +144,6 @@ class Px4Session:
         self.counts.frames += 1
         controls = message.controls if message.mode & ARMED else (math.nan,) * CONTROLS
         self._advance(self.pwm(controls))
-
-    def _refuse(self, why: str) -> None:
-        if why in self.counts.refused or len(self.counts.refused) < MOST_REASONS:
-            self.counts.refused[why] = self.counts.refused.get(why, 0) + 1
-
-    # -- frames ------------------------------------------------------------------------------------------------------
 
     def pwm(self, controls: tuple[float, ...]) -> tuple[int, ...]:
         """Pulse widths [channel] (microseconds) of `controls`; 0, no output, for NaN."""
@@ -175,9 +155,6 @@ class Px4Session:
             if not math.isnan(x):
                 widths[abs(channel) - 1] = max(round(low + x * (mixer.high - low)), 1)
         return tuple(widths)
-
-    def _microseconds(self) -> int:
-        return round(self.craft.frames * 1e6 / RATE)
 
     def _advance(self, pwm: tuple[int, ...]) -> None:
         """Move by one frame, and send it."""
@@ -196,7 +173,7 @@ class Px4Session:
 
     def messages(self, s: Sensors) -> list[Any]:
         """MAVLink messages of the present frame with the measurements `s`; HIL_SENSOR is the last one."""
-        link, now, n = self.link, self._microseconds(), self.craft.frames
+        link, now, n = self.link, round(self.craft.frames * 1e6 / RATE), self.craft.frames
         R = numpy_rotation_matrix(np.array(s.quaternion))
         north, east, down = s.position
         above = -down + (HELD_HEIGHT if self.craft.model.medium == "air" else 0.0)

@@ -4,7 +4,7 @@ A recording runs from frame 0 to a restart.
 """
 
 from pathlib import Path
-from typing import TypedDict, cast
+from typing import cast
 
 from torch import Tensor
 
@@ -12,21 +12,14 @@ from taichi_sim.config import WorldConfig
 from taichi_sim.fleet import Fleet
 from taichi_sim.recording import Recorder
 from taichi_sim.recording.live import Live
+from taichi_sim.recording.recorder import EpisodeParts
 from taichi_sim.sea import Sea
-from taichi_sim.sitl.craft import Craft
-from taichi_sim.sitl.packets import Sensors, Servos
+from taichi_sim.sitl.craft import Craft, Sensors, Servos
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.world import World
 
 RATE = 10.0  # largest number of recorded frames per second
 FIRST, PART = 30, 5  # frames of a live view's first part, which sets its layout; frames of a later part
-
-
-class Described(TypedDict):
-    """Name and description of a recording, arguments of `Recorder.episode`."""
-
-    name: str
-    config_text: str
 
 
 class Stage:
@@ -99,7 +92,7 @@ class Frames:
         return 0 if self.recorder is None else len(self.recorder)
 
     @property
-    def parts(self) -> Described:
+    def parts(self) -> EpisodeParts:
         """Name and description of the recording."""
         text = f"# {self.stage.name}\n\nDriven by an autopilot at {self.craft.rate} Hz, from frame 0 on.\n"
         return {"name": self.stage.name, "config_text": text}
@@ -147,5 +140,5 @@ class CraftView:
         self.last = sensors.timestamp
         self.frames.take(sensors)
         if self.frames.recorder is not None and len(self.frames) >= (FIRST if self.live.like is None else PART):
-            part = self.frames.recorder.part(**self.frames.parts, like=self.live.like)
+            part = self.frames.recorder.part(**self.frames.parts | {"like": self.live.like})
             self.live.show(part, after_s=self.after)

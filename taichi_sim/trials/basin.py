@@ -34,32 +34,19 @@ COURSE_GAIN, RATE_GAIN = 2.0, 1.0  # helmsman in wind and waves: gains of course
 
 @dataclass(frozen=True)
 class Setting:
-    """Conditions of a trial.
+    """Conditions of a trial."""
 
-    Attributes:
-        vehicle: a file or a name.
-        changes: changed keys of the vehicle file (load_vehicle).
-        sea, air: None is calm; the current is part of the sea.
-        runs: number of realisations of the sea.
-        heading: heading of the approach, rad, for wind and waves.
-        ahead: share of full thrust.
-        helm: share of full helm.
-        speed: speed of the approach, m/s, held as by a towing carriage; None: the vessel's own.
-        dt: step, s; None: it follows from the length.
-        seed: seed of the realisations.
-    """
-
-    vehicle: str | Path
-    changes: Changes
-    sea: SeaConfig | None = None
-    air: AirConfig | None = None
-    runs: int = 1
-    heading: float = 0.0
-    ahead: float = 1.0
-    helm: float = 1.0
-    speed: float | None = None
-    dt: float | None = None
-    seed: int = 1
+    vehicle: str | Path  # a file or a name
+    changes: Changes  # changed keys of the vehicle file (load_vehicle)
+    sea: SeaConfig | None = None  # with the current; None: calm
+    air: AirConfig | None = None  # None: calm
+    runs: int = 1  # number of realisations of the sea
+    heading: float = 0.0  # of the approach, rad, for wind and waves
+    ahead: float = 1.0  # share of full thrust
+    helm: float = 1.0  # share of full helm
+    speed: float | None = None  # of the approach, m/s, held as by a towing carriage; None: the vessel's own
+    dt: float | None = None  # step, s; None: it follows from the length
+    seed: int = 1  # of the realisations
 
     @property
     def calm(self) -> bool:
@@ -100,17 +87,16 @@ def vessel_of(setting: Setting) -> Vessel:
     first = load_vehicle(setting.vehicle, 1e-3, 1, **setting.changes)
     if not isinstance(first, Vessel):
         raise TrialError(f"{setting.vehicle}: it is not a vessel")
-    dt = setting.dt
-    if dt is None:
-        dt = float(f"{COARSE * np.sqrt(first.size[0]):.1e}")
-        while True:
-            try:
-                return _model(setting, dt)
-            except ConfigError:
-                dt *= 0.5
-                if dt < 1e-3:
-                    raise
-    return _model(setting, dt)
+    if setting.dt is not None:
+        return _model(setting, setting.dt)
+    dt = float(f"{COARSE * np.sqrt(first.size[0]):.1e}")
+    while True:
+        try:
+            return _model(setting, dt)
+        except ConfigError:
+            dt *= 0.5
+            if dt < 1e-3:
+                raise
 
 
 def _model(setting: Setting, dt: float) -> Vessel:
@@ -120,14 +106,7 @@ def _model(setting: Setting, dt: float) -> Vessel:
 
 
 class Basin:
-    """`cases` x `setting.runs` vessels of one model; environment case * runs + run has realisation `run`.
-
-    Attributes:
-        model, setting, bench: the vessel, the conditions, and the bench that steps it.
-        time: since the beginning of the trial, s.
-        length: length of the vessel, m.
-        slowness: length over the speed at a Froude number of 0.1, s; it bounds the phases of a trial.
-    """
+    """`cases` x `setting.runs` vessels of one model; environment case * runs + run has realisation `run`."""
 
     def __init__(self, setting: Setting, cases: int):
         """Make the vessels, at rest."""
@@ -137,9 +116,10 @@ class Basin:
         self._asked = np.full((2, self.envs), np.nan)
         self._actions = torch.zeros(0)
         self._fine: Bench | None = None
-        self.length = self.model.size[0]
+        self.length = self.model.size[0]  # m
+        # length over the speed at a Froude number of 0.1, s: it bounds the phases of a trial
         self.slowness = self.length / (0.1 * np.sqrt(at.GRAVITY * self.length))
-        self.time, self._heading = 0.0, np.zeros(self.envs)
+        self.time, self._heading = 0.0, np.zeros(self.envs)  # s since the beginning of the trial; rad
         if self.model.steer(0.0, 0.0) is None:
             raise TrialError(
                 f"{setting.vehicle}: its model does not say how it is steered ({type(self.model).__name__}.steer); a "
@@ -147,12 +127,9 @@ class Basin:
             )
 
     def _bench(self, model: Vessel) -> Bench:
-        sea = (
-            None
-            if self.setting.sea is None
-            else self.setting.sea.model_copy(update={"realisations": self.setting.runs})
-        )
-        return Bench(model, sea=sea, air=self.setting.air, envs=self.envs, seed=self.setting.seed)
+        given = self.setting
+        sea = None if given.sea is None else given.sea.model_copy(update={"realisations": given.runs})
+        return Bench(model, sea=sea, air=given.air, envs=self.envs, seed=given.seed)
 
     @property
     def longest(self) -> float:
@@ -163,16 +140,10 @@ class Basin:
         """Values [case], repeated for every environment."""
         return np.repeat(np.asarray(values, dtype=np.float64), self.setting.runs)
 
-    # -- moving ----------------------------------------------------------------------------------------------------
-
     def lie(self, speed: float = 0.0) -> None:
         """Place all vessels at the origin, with `speed` (m/s) ahead through the water."""
-        self.bench.put(
-            (0.0, 0.0, 0.0),
-            (0.0, 0.0, 0.0 if self.setting.calm else self.setting.heading),
-            (speed, 0.0, 0.0),
-            settle=True,
-        )
+        heading = 0.0 if self.setting.calm else self.setting.heading
+        self.bench.put((0.0, 0.0, 0.0), (0.0, 0.0, heading), (speed, 0.0, 0.0), settle=True)
         self.begin()
 
     def begin(self) -> None:
@@ -201,14 +172,15 @@ class Basin:
         `due(heading)` says for each environment whether its helm is to change at this heading (rad). `act(which, time)`
         gives the helm of all environments after it has changed in `which` at that time (s).
         """
-        b = self.bench
-        parts = (b.state, b.fleet.aux, b.fleet.surface, b.fleet.derived)
-        before, when, began, heading = [x.clone() for x in parts], b.time.clone(), self.time, self._heading.copy()
+        parts = _parts(self.bench)
+        before, when = [x.clone() for x in parts], self.bench.time.clone()
+        began, heading = self.time, self._heading.copy()
         self.step(ahead, helm)
         if not due(self.headings()).any():
             return helm
-        fine = self._fine_bench()
-        targets = (fine.state, fine.fleet.aux, fine.fleet.surface, fine.fleet.derived)
+        if self._fine is None:
+            self._fine = self._bench(_model(self.setting, self.model.dt / FINE))
+        fine, targets = self._fine, _parts(self._fine)
         for target, value in zip(targets, before, strict=True):
             target.copy_(value)
         fine.time.copy_(when)
@@ -221,13 +193,6 @@ class Basin:
         for target, value in zip(parts, targets, strict=True):
             target.copy_(value)
         return helm
-
-    def _fine_bench(self) -> Bench:
-        if self._fine is None:
-            self._fine = self._bench(_model(self.setting, self.model.dt / FINE))
-        return self._fine
-
-    # -- reading ---------------------------------------------------------------------------------------------------
 
     def _raw(self, bench: Bench | None = None) -> Array:
         w, x, y, z = (bench or self.bench).state[:, 0, at.QUATERNION].double().cpu().numpy().T
@@ -254,8 +219,6 @@ class Basin:
         place, speed = (s[:, at.NORTH], s[:, at.EAST]), (s[:, at.SURGE], s[:, at.SWAY])
         return tuple(map(np.copy, (*place, np.arctan2(across, up), self.headings(), *speed, rate, angle)))
 
-    # -- approaching -----------------------------------------------------------------------------------------------
-
     def approach(self, ahead: Array | None = None) -> Array:
         """Sail a steady straight run, after which the trial begins; return speeds ahead over ground [env], m/s.
 
@@ -281,8 +244,10 @@ class Basin:
                     rate = turning * self.length / np.maximum(last_speed(state), 1e-3)
                     helm = np.clip(-COURSE_GAIN * off - RATE_GAIN * rate, -1.0, 1.0)
                 self.step(ahead, helm)
-                if setting.calm:
-                    _on_rails(state)
+                if setting.calm:  # nothing but a straight run north stays: no heading, roll, rates of them, or sway
+                    state[..., [at.EAST, at.QX, at.QZ, at.SWAY, at.ROLL_RATE, at.YAW_RATE]] = 0.0
+                    q = state[..., at.QUATERNION]
+                    q /= q.norm(dim=-1, keepdim=True)
                 if given is not None:
                     state[..., at.SURGE] = given
             speed = last_speed(state)
@@ -306,13 +271,11 @@ class Basin:
         return speed
 
 
+def _parts(bench: Bench) -> tuple[torch.Tensor, ...]:
+    """All that a step of a bench changes, but for its time."""
+    return bench.state, bench.fleet.aux, bench.fleet.surface, bench.fleet.derived
+
+
 def last_speed(state: torch.Tensor) -> Array:
     """Speeds ahead over ground [env], m/s."""
     return state[:, 0, at.SURGE].double().cpu().numpy().copy()
-
-
-def _on_rails(state: torch.Tensor) -> None:
-    """Remove from states [env, 1, 13] everything but a straight run north: heading, roll, their rates, and sway."""
-    state[..., [at.EAST, at.QX, at.QZ, at.SWAY, at.ROLL_RATE, at.YAW_RATE]] = 0.0
-    q = state[..., at.QUATERNION]
-    q /= q.norm(dim=-1, keepdim=True)

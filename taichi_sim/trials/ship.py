@@ -112,7 +112,7 @@ def turning_circle(setting: Setting) -> Outcome:
         quarter, half = crossing(track.t, change, math.pi / 2), crossing(track.t, change, math.pi)
         last = change > change[-1] - 2 * math.pi
         rate = float((change[-1] - change[last][0]) / (track.t[-1] - track.t[last][0]))
-        speed = _mean(track.t[last], track.speed[last])
+        speed = float(np.trapezoid(track.speed[last], track.t[last]) / (track.t[-1] - track.t[last][0]))
         drift = float(np.mean(np.arctan2(-side * track.v[last], track.u[last])))
         out.add(case, run, (
             ("approach speed", approach[env], "m/s"),
@@ -134,11 +134,6 @@ def turning_circle(setting: Setting) -> Outcome:
             curve.columns["speed m/s"] = np.hypot(curve.columns["u m/s"], curve.columns["v m/s"])
             out.curves.append(curve)
     return out
-
-
-def _mean(t: Array, y: Array) -> float:
-    """Mean of y over time t, by the trapezoidal rule."""
-    return float(np.sum(0.5 * (y[1:] + y[:-1]) * np.diff(t)) / (t[-1] - t[0]))
 
 
 def zigzag(setting: Setting, helm_deg: float, heading_deg: float) -> Outcome:
@@ -326,7 +321,11 @@ def crash_stop(setting: Setting) -> Outcome:
         )
     approach = basin.approach()
     astern, amidships = np.full(basin.envs, -1.0), np.zeros(basin.envs)
-    through = _water(basin)
+    V = basin.bench.around.current.double().cpu().numpy()
+
+    def through(track: Track) -> Array:
+        """Speed ahead of the water [sample, env]."""
+        return np.cos(track.heading) * V[:, 0] + np.sin(track.heading) * V[:, 1]
 
     def stopped(track: Track) -> bool:
         return bool(((track.u - through(track)).min(axis=0) < 0).all())
@@ -351,12 +350,6 @@ def crash_stop(setting: Setting) -> Outcome:
         if env == 0:
             out.curves.append(_curve("astern", Track(track.t, *(c[: len(track.t)] for c in track[1:]))))
     return out
-
-
-def _water(basin: Basin) -> Callable[[Track], Array]:
-    """Speed ahead of the water [sample, env]."""
-    V = basin.bench.around.current.double().cpu().numpy()
-    return lambda track: np.cos(track.heading) * V[:, 0] + np.sin(track.heading) * V[:, 1]
 
 
 def speed_run(setting: Setting) -> Outcome:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from tqdm import tqdm
 
 from taichi_sim.recording.episode import Episode
-from taichi_sim.recording.ros.geodesy import FJORD, Origin
+from taichi_sim.recording.frames import FJORD, Origin
 from taichi_sim.recording.ros.messages import EPOCH_S, Builder, Messages, Topic
 
 if TYPE_CHECKING:
@@ -127,9 +127,8 @@ def _messages(episode: Episode, origin: Origin) -> tuple["Typestore", Messages]:
 
 def _serialised(messages: Messages, typestore: "Typestore", show_progress: bool) -> Iterator[tuple[Topic, int, bytes]]:
     """Topic, stamp (ns) and bytes of every message."""
-    steps = range(len(messages.stamps))
-    for step in tqdm(steps, desc="bag", unit="step", disable=not show_progress):
-        for topic, stamp, message in messages.frame(step):
+    for step, stamp in enumerate(tqdm(messages.stamps, desc="bag", unit="step", disable=not show_progress)):
+        for topic, message in messages.frame(step):
             yield topic, stamp, bytes(typestore.serialize_cdr(message, topic.type))
 
 

@@ -1,6 +1,12 @@
 """An episode as messages in the order of time. All values are true ones: covariances are zero, "unknown" to ROS.
 
-Topics and frames are listed in docs/ros.md.
+Topics and frames are listed in docs/ros.md. Motion is by ROS's conventions (REP 103, REP 145), float64: world
+east-north-up, bodies forward-left-up, with
+
+    specific force  f = R^T (dv/dt - g),   g = (0, 0, -9.81) m/s^2 in east-north-up
+
+so that an accelerometer at rest reads +9.81 upwards. dv/dt is the central difference of the recorded velocity: a mean
+over two intervals, which filters out faster vibration.
 """
 
 import re
@@ -9,17 +15,52 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from taichi_sim.recording.episode import Episode, Force, TeamTrack
-from taichi_sim.recording.frames import Array, flu
-from taichi_sim.recording.ros.geodesy import Origin, geodetic
-from taichi_sim.recording.ros.motion import motion_of
+from taichi_sim.conventions import GRAVITY
+from taichi_sim.recording.episode import Episode, TeamTrack
+from taichi_sim.recording.frames import Array, Origin, enu, enu_flu_quaternion, flu, geodetic
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Msg, Msgarg, Typestore
-
 NS = 1_000_000_000
 EPOCH_S = 1_000_000_000  # s, stamp of time 0 (2001-09-09 01:46:40 UTC), because a stamp of 0 means "no time" to ROS
 MAP, BODY = "map", "base_link"
+XYZ = Sequence[float]
+LEVEL = (0.0, 0.0, 0.0, 1.0)
+NO_TORQUE = (0.0, 0.0, 0.0)
+NO_COVARIANCE_3, NO_COVARIANCE_6 = np.zeros(9), np.zeros(36)
+STATUS_FIX, SERVICE_GPS, COVARIANCE_UNKNOWN = 0, 1, 0  # constants of NavSatStatus and NavSatFix
+
+
+def _level(course: Array) -> Array:
+    """Quaternions [..., 4] of a level body that points along a course (rad, clockwise from north)."""
+    half = 0.5 * (0.5 * np.pi - np.asarray(course, dtype=np.float64))
+    return np.stack([0 * half, 0 * half, np.sin(half), np.cos(half)], axis=-1)
+
+
+def into_body(orientation: Array, vector: Array) -> Array:
+    """World vectors [..., 3] in the body with orientation [..., 4] (x, y, z, w): v - 2w (q x v) + 2 q x (q x v)."""
+    q, w = orientation[..., :3], orientation[..., 3:]
+    across = 2 * np.cross(q, vector)
+    return vector - w * across + np.cross(q, across)
+
+
+def _continuous(orientation: Array) -> Array:
+    """The same orientations [T, ..., 4], each with the sign closer to the quaternion before."""
+    along = (orientation[1:] * orientation[:-1]).sum(-1, keepdims=True)
+    sign = np.cumprod(np.where(along < 0, -1.0, 1.0), axis=0)
+    return np.concatenate([orientation[:1], sign * orientation[1:]])
+
+
+def _rate(values: Array, time_s: Array) -> Array:
+    """Rate of change (1/s) of values [T, ...]; zero for a single frame."""
+    return np.zeros_like(values) if len(values) < 2 else np.gradient(values, time_s, axis=0)
+
+
+def _turning(orientation: Array, time_s: Array) -> Array:
+    """Angular velocity [..., 3] (rad/s, body) of orientations [T, ..., 4]: 2 q* dq/dt."""
+    q, w = orientation[..., :3], orientation[..., 3:]
+    rate = _rate(orientation, time_s)
+    return 2 * (w * rate[..., :3] - rate[..., 3:] * q - np.cross(q, rate[..., :3]))
 
 
 class Topic(NamedTuple):
@@ -28,14 +69,6 @@ class Topic(NamedTuple):
     name: str
     type: str
     latched: bool = False  # late subscribers receive the last message
-
-
-class Sent(NamedTuple):
-    """One message of a topic."""
-
-    topic: Topic
-    stamp_ns: int
-    message: "Msg"
 
 
 CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock")
@@ -54,13 +87,6 @@ def stamps_ns(time_s: Array) -> list[int]:
     return (np.rint(np.asarray(time_s, dtype=np.float64) * NS).astype(np.int64) + EPOCH_S * NS).tolist()
 
 
-XYZ = Sequence[float]
-LEVEL = (0.0, 0.0, 0.0, 1.0)
-NO_TORQUE = (0.0, 0.0, 0.0)
-NO_COVARIANCE_3, NO_COVARIANCE_6 = np.zeros(9), np.zeros(36)
-STATUS_FIX, SERVICE_GPS, COVARIANCE_UNKNOWN = 0, 1, 0  # constants of NavSatStatus and NavSatFix
-
-
 class Builder:
     """Builds messages; quaternions are (x, y, z, w)."""
 
@@ -71,10 +97,6 @@ class Builder:
     def make(self, kind: str, *fields: "Msgarg") -> "Msg":
         """A message of a type, its fields in their order."""
         return self._types[kind](*fields)
-
-    def time(self, stamp_ns: int) -> "Msg":
-        """A Time."""
-        return self.make("builtin_interfaces/msg/Time", *divmod(stamp_ns, NS))
 
     def header(self, time: "Msg", frame: str) -> "Msg":
         """A Header."""
@@ -91,10 +113,6 @@ class Builder:
     def pose(self, xyz: XYZ, xyzw: XYZ) -> "Msg":
         """A Pose."""
         return self.make("geometry_msgs/msg/Pose", self.make("geometry_msgs/msg/Point", *xyz), self.quaternion(xyzw))
-
-    def twist(self, linear: XYZ, angular: XYZ) -> "Msg":
-        """A Twist."""
-        return self.make("geometry_msgs/msg/Twist", self.vector(linear), self.vector(angular))
 
     def pose_stamped(self, header: "Msg", xyz: XYZ, xyzw: XYZ) -> "Msg":
         """A PoseStamped."""
@@ -127,33 +145,39 @@ class Messages:
         fixed = [TF_STATIC] if any(team.arrows for team in self.teams) else []
         return [CLOCK, *fixed, TF, *(topic for team in self.teams for topic in team.topics)]
 
-    def frame(self, step: int) -> Iterator[Sent]:
+    def frame(self, step: int) -> Iterator[tuple[Topic, "Msg"]]:
         """Messages of one frame."""
-        stamp, build = self.stamps[step], self.build
-        time = build.time(stamp)
-        yield Sent(CLOCK, stamp, build.make(CLOCK.type, time))
+        make = self.build.make
+        time = make("builtin_interfaces/msg/Time", *divmod(self.stamps[step], NS))
+        yield CLOCK, make(CLOCK.type, time)
         if step == 0 and (fixed := [one for team in self.teams for one in team.fixed(time)]):
-            yield Sent(TF_STATIC, stamp, build.make(TF_STATIC.type, fixed))
-        yield Sent(TF, stamp, build.make(TF.type, [one for team in self.teams for one in team.moving(step, time)]))
+            yield TF_STATIC, make(TF_STATIC.type, fixed)
+        yield TF, make(TF.type, [one for team in self.teams for one in team.moving(step, time)])
         for team in self.teams:
-            for topic, message in team.messages(step, time):
-                yield Sent(topic, stamp, message)
+            yield from team.messages(step, time)
 
 
 class _Team:
     """Messages of one team."""
 
     def __init__(self, team: TeamTrack, episode: Episode, origin: Origin, build: Builder):
-        motion = motion_of(team, episode.time_s)
         self.build, self.names = build, [ros_name(f"{team.name}_{vehicle}") for vehicle in range(team.vehicles)]
-        self.place, self.turn = motion.position.tolist(), motion.orientation.tolist()
-        self.velocity, self.rates = motion.velocity.tolist(), motion.angular_velocity.tolist()
-        self.felt, self.fix = motion.specific_force.tolist(), geodetic(motion.position, origin).tolist()
-        self.slot = None if motion.slot is None else motion.slot.tolist()
-        self.target = None if motion.target is None else motion.target.tolist()
-        self.course = motion.course.tolist()
+        turn = _continuous(enu_flu_quaternion(team.quaternion_nb))
+        place, velocity = enu(team.position_n, np.float64), enu(team.velocity_n, np.float64)
+        acceleration = _rate(velocity, episode.time_s) + (0.0, 0.0, GRAVITY)
+        rates = team.angular_velocity_b
+        # [T, V, ...] m, map; (x, y, z, w), base_link to map; m/s, rad/s, m/s^2 in base_link; deg, deg, m
+        self.place, self.turn, self.velocity = place.tolist(), turn.tolist(), into_body(turn, velocity).tolist()
+        self.rates = (_turning(turn, episode.time_s) if rates is None else flu(rates)).tolist()
+        self.felt, self.fix = into_body(turn, acceleration).tolist(), geodetic(place, origin).tolist()
+        self.slot = None if team.slot_n is None else enu(team.slot_n, np.float64).tolist()
+        self.target = None if team.target_n is None else enu(team.target_n, np.float64).tolist()
+        self.course = _level(team.course).tolist()
         self.action, self.action_names = team.action, list(team.action_names)
-        self.arrows = {ros_name(name): _arrow(force) for name, force in team.forces.items()}
+        self.arrows = {  # point of attack (m) and values [T, V, 3] (N) of each force, in base_link
+            ros_name(name): (flu(np.asarray(force.origin_b)).tolist(), flu(force.vector_b).tolist())
+            for name, force in team.forces.items()
+        }
         self.target_topic = Topic(f"/{ros_name(team.name)}/target", "geometry_msgs/msg/PoseStamped")
         self.of_vehicles = [self._topics(name) for name in self.names]
 
@@ -195,17 +219,12 @@ class _Team:
             yield topics["imu"], self._imu(step, vehicle, own)
             yield topics["fix"], self._fix(step, vehicle, own)
             if self.slot is not None:
-                slot = self.build.pose_stamped(world, self.slot[step][vehicle], self.course[step])
-                yield topics["slot"], slot
+                yield topics["slot"], self.build.pose_stamped(world, self.slot[step][vehicle], self.course[step])
             if self.action is not None and step + 1 < len(self.action):
                 taken = self.action[step + 1, vehicle]  # a frame has the action that led to it
                 if np.isfinite(taken).all():
-                    none = np.zeros(0)
-                    values = np.asarray(taken, dtype=np.float64)
-                    yield (
-                        topics["actions"],
-                        self.build.make(topics["actions"].type, own, self.action_names, values, none, none),
-                    )
+                    fields = self.action_names, np.asarray(taken, dtype=np.float64), np.zeros(0), np.zeros(0)
+                    yield topics["actions"], self.build.make(topics["actions"].type, own, *fields)
             for arrow, (_, force) in self.arrows.items():
                 topic = topics[f"wrench/{arrow}"]
                 yield topic, self._wrench(time, topic.name.removeprefix("/"), force[step][vehicle])
@@ -215,14 +234,10 @@ class _Team:
     def _odometry(self, step: int, vehicle: int, header: "Msg", frame: str) -> "Msg":
         make = self.build.make
         pose = self.build.pose(self.place[step][vehicle], self.turn[step][vehicle])
-        twist = self.build.twist(self.velocity[step][vehicle], self.rates[step][vehicle])
-        return make(
-            "nav_msgs/msg/Odometry",
-            header,
-            frame,
-            make("geometry_msgs/msg/PoseWithCovariance", pose, NO_COVARIANCE_6),
-            make("geometry_msgs/msg/TwistWithCovariance", twist, NO_COVARIANCE_6),
-        )
+        rates = (self.build.vector(of[step][vehicle]) for of in (self.velocity, self.rates))
+        there = make("geometry_msgs/msg/PoseWithCovariance", pose, NO_COVARIANCE_6)
+        twist = make("geometry_msgs/msg/TwistWithCovariance", make("geometry_msgs/msg/Twist", *rates), NO_COVARIANCE_6)
+        return make("nav_msgs/msg/Odometry", header, frame, there, twist)
 
     def _imu(self, step: int, vehicle: int, header: "Msg") -> "Msg":
         turn = self.build.quaternion(self.turn[step][vehicle])
@@ -238,8 +253,3 @@ class _Team:
     def _wrench(self, time: "Msg", frame: str, force: list[float]) -> "Msg":
         wrench = self.build.make("geometry_msgs/msg/Wrench", self.build.vector(force), self.build.vector(NO_TORQUE))
         return self.build.make("geometry_msgs/msg/WrenchStamped", self.build.header(time, frame), wrench)
-
-
-def _arrow(force: Force) -> tuple[list[float], list[list[list[float]]]]:
-    """Point of attack (m) and values [T, V, 3] (N) of a force, in base_link."""
-    return flu(np.asarray(force.origin_b)).tolist(), flu(force.vector_b).tolist()

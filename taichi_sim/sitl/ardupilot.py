@@ -1,0 +1,174 @@
+"""ArduPilot in the loop: packets of its JSON interface, and the conversation with one autopilot.
+
+Packets are those of ArduPilot (libraries/SITL/examples/JSON/readme.md). From ArduPilot, binary, little-endian: magic
+(uint16), frame_rate (uint16, Hz), frame_count (uint32), pulse widths of 16 or 32 servos (uint16, microseconds). To
+ArduPilot, a line of JSON: time, IMU, position, attitude, velocity.
+
+Lockstep: ArduPilot sends frame k and waits. It receives an answer once the vehicle has advanced by one frame. If the
+answer is lost, ArduPilot sends the same frame again and receives the same answer. A jump ahead means that frames were
+lost: the vehicle advances by as many frames, the lost ones under the last known outputs. Frame 0 after other frames is
+a restart. Any other older frame came late, and gets no answer.
+"""
+
+import json
+import math
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from ipaddress import ip_address
+
+from taichi_sim.sitl.craft import Craft, Sensors, Servos
+
+MAGIC = {18458: 16, 29569: 32}  # magic -> servo channels
+RATES = (1, 10000)  # lowest and highest frame rate, Hz
+LONGEST_GAP = 2.0  # s; after a longer gap the lost frames are skipped
+MOST_REASONS = 16  # largest number of reasons that are counted separately
+Address = tuple[str, int]
+
+
+class PacketError(ValueError):
+    """Data that are no valid packet; the message says why."""
+
+
+def parse(data: bytes) -> Servos:
+    """Decode a packet with 16 or 32 channels.
+
+    Raises:
+        PacketError: for a wrong length, an unknown magic, or a frame rate out of range.
+    """
+    if len(data) < 2:
+        raise PacketError(f"{len(data)} bytes are no packet")
+    magic = int.from_bytes(data[:2], "little")
+    channels = MAGIC.get(magic)
+    if channels is None:
+        allowed = " and ".join(f"{m} ({n} channels)" for m, n in MAGIC.items())
+        raise PacketError(f"magic {magic}: allowed are {allowed}")
+    size = 8 + 2 * channels
+    if len(data) != size:
+        raise PacketError(f"{len(data)} bytes of {size}: a packet of {channels} channels cut short, or too long")
+    _, rate, frame, *pwm = struct.unpack(f"<HHI{channels}H", data)
+    if not RATES[0] <= rate <= RATES[1]:
+        raise PacketError(f"frame_rate {rate} Hz: allowed are {RATES[0]} to {RATES[1]}")
+    return Servos(rate, frame, tuple(pwm))
+
+
+def pack(servos: Servos) -> bytes:
+    """Encode a packet, for peers that play ArduPilot."""
+    magic = {n: m for m, n in MAGIC.items()}[len(servos.pwm)]
+    return struct.pack(f"<HHI{len(servos.pwm)}H", magic, servos.rate, servos.frame, *servos.pwm)
+
+
+def encode(sensors: Sensors) -> bytes:
+    """Encode the answer: JSON between line feeds, as ArduPilot's parser expects."""
+    data = {
+        "timestamp": sensors.timestamp,
+        "imu": {"gyro": sensors.gyro, "accel_body": sensors.accel_body},
+        "position": sensors.position,
+        "attitude": sensors.attitude,
+        "quaternion": sensors.quaternion,
+        "velocity": sensors.velocity,
+    }
+    if sensors.airspeed is not None:
+        data["airspeed"] = sensors.airspeed
+    if sensors.wind_direction is not None and sensors.wind_speed is not None:
+        data["windvane"] = {"direction": sensors.wind_direction, "speed": sensors.wind_speed}
+    return b"\n" + json.dumps(data, separators=(",", ":")).encode() + b"\n"
+
+
+@dataclass
+class Counts:
+    """Numbers of frames, packets and messages, by kind."""
+
+    frames: int = 0  # new frames
+    repeated: int = 0
+    lost: int = 0  # frames that never arrived
+    late: int = 0  # of an older frame, or repeated controls
+    waiting: int = 0  # frames before the first controls of PX4
+    resent: int = 0  # frames that were sent to PX4 again
+    restarts: int = 0
+    refused: dict[str, int] = field(default_factory=dict)  # reason -> number
+
+    def refuse(self, why: str) -> None:
+        """Count what was refused, by its reason."""
+        if why in self.refused or len(self.refused) < MOST_REASONS:
+            self.refused[why] = self.refused.get(why, 0) + 1
+
+    @property
+    def refusals(self) -> str:
+        """What was refused, as the end of a line."""
+        return "".join(f"; refused {n}: {why}" for why, n in self.refused.items())
+
+
+class Session:
+    """A craft and the one peer that drives it."""
+
+    def __init__(self, craft: Craft):
+        """Start without a peer."""
+        self.craft, self.counts = craft, Counts()
+        self.seen: list[Callable[[Servos, Sensors], None]] = []  # called after each new frame
+        self.peer: Address | None = None  # sender of the first valid packet
+        self.last: Servos | None = None
+        self.answer = b""
+
+    def tick(self) -> float:
+        """Seconds until something is due by the clock: nothing ever is."""
+        return math.inf
+
+    def state(self, seconds: float) -> str:
+        """A line on the conversation of the last `seconds`."""
+        c, craft = self.counts, self.craft
+        if self.last is None:
+            return f"waiting for ArduPilot{c.refusals}"
+        return (
+            f"t {craft.frames / craft.rate:.1f} s at {craft.rate} Hz, {c.frames} frames ({c.frames / seconds:.0f}/s), "
+            f"repeated {c.repeated}, lost {c.lost}, late {c.late}, restarts {c.restarts}{c.refusals}"
+        )
+
+    def receive(self, data: bytes, sender: Address) -> bytes | None:
+        """The answer to a packet, or None if there is none."""
+        try:
+            servos = parse(data)
+            self._check_sender(sender, servos)
+        except PacketError as error:
+            self.counts.refuse(str(error))
+            return None
+        last = self.last
+        if last is None or (servos.frame == 0 and (last.frame != 0 or sender != self.peer)):
+            if last is not None:
+                self.counts.restarts += 1
+            self.craft.begin(servos.rate)
+            gap = 1
+        elif servos.frame == last.frame:
+            self.counts.repeated += 1
+            return self.answer
+        elif servos.frame < last.frame:
+            self.counts.late += 1
+            return None
+        else:
+            if servos.rate != last.rate:
+                self.craft.change_rate(servos.rate)
+            gap = servos.frame - last.frame
+            if gap > LONGEST_GAP * servos.rate:
+                gap = 1
+            for _ in range(gap - 1):
+                self.craft.advance(last.pwm)
+            self.counts.lost += gap - 1
+        self.craft.advance(servos.pwm)
+        self.last, self.peer = servos, sender
+        self.counts.frames += 1
+        sensors = self.craft.sensors()
+        self.answer = encode(sensors)
+        for seen in self.seen:
+            seen(servos, sensors)
+        return self.answer
+
+    def _check_sender(self, sender: Address, servos: Servos) -> None:
+        """Refuse (PacketError) other senders than the peer. Another port of the same machine may take over with frame
+        0, as a restarted SITL does.
+        """
+        if self.peer is None or sender == self.peer:
+            return
+        if ip_address(sender[0]) != ip_address(self.peer[0]) or servos.frame != 0:
+            raise PacketError(
+                f"{sender[0]}:{sender[1]} does not drive this vehicle, {self.peer[0]}:{self.peer[1]} does"
+            )
