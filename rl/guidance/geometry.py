@@ -1,4 +1,4 @@
-"""Errors of a team's vehicles from their slots: one kernel from state to errors.
+"""Geometry of guidance: errors of a team's vehicles from their slots, in one kernel, and vectors in the plane.
 
 The leader's slot is the target. A follower's slot is the leader's position plus an offset in the path frame, whose
 first axis is the target's course. The slot moves with the leader, swings about it as the course turns, and glides when
@@ -11,9 +11,10 @@ starboard), which stays level.
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import taichi as ti
+import torch
 from torch import Tensor
 
 from rl.guidance.targets import COS, COURSE_RATE, DOWN, EAST, NORTH, SIN, SPEED
@@ -22,6 +23,9 @@ from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN, VELOCITY_N
 from taichi_sim.kernels.runtime import array1, array3, array4, whole1
+
+if TYPE_CHECKING:
+    from rl.guidance.knowledge import Knowledge
 
 DISTANCE_SCALE = 10.0  # m, where squashed distances are half way to 1
 NEAR = 1e-3  # m: a slot nearer than this has no direction
@@ -207,3 +211,44 @@ class Geometry(SlotErrors):
         """
         form = ErrorsForm(self.axes, self._heard, self.about, runtime.few(count * self._rows, MEASURE))
         self._launch(self._errors(), self._team(), which, form)
+
+
+def turning(team: "Knowledge", vector: Tensor) -> Tensor:
+    """Rate of change of a `vector` [env, vehicle, 2 or 3] that turns with the target's course."""
+    rate = team.target.course_rate
+    change = torch.zeros_like(vector)
+    change[..., NORTH], change[..., EAST] = -rate * vector[..., EAST], rate * vector[..., NORTH]
+    return change
+
+
+def to_starboard(vector: Tensor) -> Tensor:
+    """A level `vector` [.., 2] (NED), turned to starboard by a right angle."""
+    north, east = vector.unbind(-1)
+    return torch.stack((-east, north), dim=-1)
+
+
+def cross(a: Tensor, b: Tensor) -> Tensor:
+    """Cross product [..] of the level parts of `a` and `b` [.., 2 or more] (NED): above 0 where b is to starboard."""
+    return a[..., NORTH] * b[..., EAST] - a[..., EAST] * b[..., NORTH]
+
+
+def course_of(vector: Tensor) -> Tensor:
+    """Course [..] (rad) of vectors [.., 2 or more] (NED)."""
+    return torch.atan2(vector[..., EAST], vector[..., NORTH])
+
+
+def approach(error: Tensor, gain: float, acceleration: float) -> Tensor:
+    """Rate towards a zero of `error` that can still be stopped: min(gain |e|, sqrt(2 acceleration |e|))."""
+    size = error.abs()
+    return error.sign() * torch.minimum(gain * size, torch.sqrt(2 * acceleration * size))
+
+
+def wrap(angle: Tensor) -> Tensor:
+    """`angle` (rad) in [-pi, pi)."""
+    return torch.remainder(angle + torch.pi, 2 * torch.pi) - torch.pi
+
+
+def into(vector: Tensor, heading: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+    """Parts of a `vector` [.., 2] (NED) along the nose and to starboard of it; `heading`: its cosine and sine."""
+    (c, s), (north, east) = heading, vector.unbind(-1)
+    return c * north + s * east, c * east - s * north

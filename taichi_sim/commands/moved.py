@@ -28,7 +28,7 @@ MOVED = {
     "rl.scene": "rl.course (tracks, obstacles, traffic) and rl.perception (all that is sensed)",
     "rl.guidance.corrected": "rl.guidance.residual",
     "rl.guidance.steered": "rl.guidance.knowledge",
-    "rl.guidance.controllers.drift": "rl.guidance.controllers.course",
+    "rl.guidance.controllers.drift": "rl.guidance.controllers.vessel",
     "rl.learn.history": "rl.learn.progress",
     "rl.missions.formation.evasions": "rl.missions.formation.judge",
     "rl.missions.formation.known": "rl.missions.formation.team",
@@ -57,6 +57,12 @@ MOVED = {
     "taichi_sim.uav.multirotor.battery": "taichi_sim.uav.multirotor.rotors",
     "taichi_sim.usv.hull.restoring": "taichi_sim.usv.hull.loads",
     "taichi_sim.usv.hull.damping": "taichi_sim.usv.hull.loads",
+    "rl.guidance.controllers.course": "rl.guidance.controllers.vessel",
+    "rl.guidance.controllers.hull_6dof": "rl.guidance.controllers.vessel",
+    "rl.guidance.controllers.manoeuvring_3dof": "rl.guidance.controllers.vessel",
+    "rl.guidance.controllers.unity_aircraft": "rl.guidance.controllers.unity",
+    "rl.guidance.controllers.unity_boat": "rl.guidance.controllers.unity",
+    "rl.guidance.controllers.force_vector": "rl.guidance.controllers.unity, vectors and angles in rl.guidance.geometry",
     "taichi_sim.plotting.style": "taichi_sim.plotting",
 }
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from rl.guidance.controllers.force_vector import to_starboard
+from rl.guidance.geometry import to_starboard
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
 from rl.perception.camera import Camera
 from rl.perception.instruments import InstrumentsConfig

@@ -22,7 +22,7 @@ from torch import Tensor
 
 from rl.course import traffic
 from rl.course.obstacles import Cylinder
-from rl.guidance.controllers.force_vector import course_of
+from rl.guidance.geometry import course_of
 from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SIZE, SPEED
 from rl.missions.escort.config import EscortScenario
 from rl.perception.camera import UNSEEN

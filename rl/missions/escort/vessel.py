@@ -14,11 +14,8 @@ from torch import Tensor
 
 from rl.guidance.avoidance import Avoider
 from rl.guidance.controllers import CONTROLLERS
-from rl.guidance.controllers.course import CourseCommand
-from rl.guidance.controllers.force_vector import course_of, wrap
-from rl.guidance.controllers.hull_6dof import Hull6DofController
-from rl.guidance.controllers.manoeuvring_3dof import Manoeuvring3dofController
-from rl.guidance.geometry import SLOT_SIZE, SlotErrors
+from rl.guidance.controllers.vessel import CourseCommand, Hull6DofController, Manoeuvring3dofController
+from rl.guidance.geometry import SLOT_SIZE, SlotErrors, course_of, wrap
 from rl.guidance.targets import SIZE as TARGET
 from rl.guidance.targets import Target
 from rl.missions.escort.config import EscortScenario

@@ -14,8 +14,8 @@ import torch
 from torch import Tensor
 
 from rl.guidance.controllers import CONTROLLERS
-from rl.guidance.controllers.course import Way
-from rl.guidance.controllers.force_vector import wrap
+from rl.guidance.controllers.vessel import CourseCommand as Way
+from rl.guidance.geometry import wrap
 from rl.guidance.observations import squashed
 from rl.guidance.targets import SIZE as TARGET
 from rl.guidance.targets import Target
