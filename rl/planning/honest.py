@@ -68,7 +68,7 @@ def write_obstacles_as_bodies(table: Tensor, position: Tensor, seen: Tensor) -> 
         seen: [env, vehicle, k, 9] obstacles as a `Sensor` has them (rl/perception/sensors.py).
     """
     from rl.course.traffic import AWAY, BOTTOM, CARRIED, EAST, NORTH, RADIUS, TOP, V_EAST, V_NORTH
-    from rl.perception.columns import Obstacle
+    from rl.perception.sensors import Obstacle
 
     away = seen[..., Obstacle.LEVEL, None] + seen[..., Obstacle.RADIUS, None]
     place = position[:, :, None, :2] + away * seen[..., Obstacle.NORTH : Obstacle.DOWN]

@@ -49,7 +49,7 @@ MOVED = {
     "rl.seeds": "rl.scenario",
     "rl.guidance.config": "rl.guidance.residual",
     "rl.perception.config": "rl.perception.contacts",
-    "rl.perception.wind_triangle": "rl.guidance.targets",
+    "rl.perception.wind_triangle": "rl.guidance.geometry",
     "taichi_sim.config.extras": "taichi_sim.config.base",
     "taichi_sim.kernels.counters": "taichi_sim.kernels.random",
     "taichi_sim.sea.sea_state": "taichi_sim.sea.wind_sea",
@@ -62,7 +62,11 @@ MOVED = {
     "rl.guidance.controllers.manoeuvring_3dof": "rl.guidance.controllers.vessel",
     "rl.guidance.controllers.unity_aircraft": "rl.guidance.controllers.unity",
     "rl.guidance.controllers.unity_boat": "rl.guidance.controllers.unity",
-    "rl.guidance.controllers.force_vector": "rl.guidance.controllers.unity, vectors and angles in rl.guidance.geometry",
+    "rl.guidance.controllers.force_vector": "rl.guidance.controllers.unity and rl.guidance.geometry",
+    "rl.guidance.targets": "rl.guidance.geometry",
+    "rl.perception.columns": "rl.perception.sensors (obstacles, mates), .radio, .sightings and .chart",
+    "rl.perception.lookout": "rl.perception.sightings",
+    "rl.perception.camera": "rl.perception.sightings",
     "taichi_sim.plotting.style": "taichi_sim.plotting",
 }
 

@@ -28,7 +28,7 @@ from rl.missions.escort.scouts import Scouts, scout_observers
 from rl.missions.escort.tracking import SharedTracking, write_objects
 from rl.missions.escort.vessel import Wanderer
 from rl.missions.escort.worlds import afloat, aloft, draw_worlds
-from rl.perception.columns import Sighting
+from rl.perception.sightings import Sighting
 from rl.rewards import fine, paid
 from rl.team import Controller
 from taichi_sim.config.io import validate

@@ -15,12 +15,10 @@ from torch import Tensor
 from rl.guidance.avoidance import Avoider
 from rl.guidance.controllers import CONTROLLERS
 from rl.guidance.controllers.vessel import CourseCommand, Hull6DofController, Manoeuvring3dofController
-from rl.guidance.geometry import SLOT_SIZE, SlotErrors, course_of, wrap
-from rl.guidance.targets import SIZE as TARGET
-from rl.guidance.targets import Target
+from rl.guidance.geometry import SLOT_SIZE, SlotErrors, Target, course_of, wrap
+from rl.guidance.geometry import TARGET_SIZE as TARGET
 from rl.missions.escort.config import EscortScenario
-from rl.perception.columns import Mate
-from rl.perception.sensors import Nearby, Sensor
+from rl.perception.sensors import Mate, Nearby, Sensor
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import validate
 from taichi_sim.conventions import QUATERNION, STATE_SIZE, SURGE

@@ -5,14 +5,14 @@ A slot at y to starboard of a leader on a bend of radius R to starboard goes at 
 
 Over ground, the target's speed v needs airspeeds from v - w to v + w. Through the air, its airspeed V_a makes speeds
 over ground up to V_a + w. Either way a bend of radius R needs the lateral acceleration v^2 / R at the largest speed
-over ground v (rl/guidance/targets.py), so R must reach v^2 / (g tan(largest bank)).
+over ground v (rl/guidance/geometry.py), so R must reach v^2 / (g tan(largest bank)).
 """
 
 import math
 from collections.abc import Mapping
 
+from rl.guidance.geometry import LEAST_SHARE, strongest_wind
 from rl.guidance.shapes import lane_half_width
-from rl.guidance.targets import LEAST_SHARE, strongest_wind
 from rl.missions.formation.config import FormationScenario
 from taichi_sim.config import ConfigError
 from taichi_sim.vehicle import Vehicle

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from rl.course.traffic import ROWS, Bodies
 from rl.guidance.controllers import CONTROLLERS
-from rl.guidance.targets import Targets
+from rl.guidance.geometry import Targets
 from rl.mission import Endings, Frame, Histories, Mission, Step
 from rl.missions.formation import rewards
 from rl.missions.formation.config import FormationScenario

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from rl.course.obstacles import Cylinder
 from rl.course.tracks import Tracks
-from rl.guidance.targets import crab, strongest_wind
+from rl.guidance.geometry import crab, strongest_wind
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.slots import Drawn, draw_formations, offsets_of, unit_offsets
 from taichi_sim.config import ConfigError

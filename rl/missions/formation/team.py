@@ -7,11 +7,10 @@ import torch
 from torch import Tensor
 
 from rl.course.traffic import Bodies
-from rl.guidance.geometry import Geometry, SlotErrors
+from rl.guidance.geometry import Geometry, SlotErrors, Target, Targets
 from rl.guidance.knowledge import Knowledge
 from rl.guidance.observations import ObservationWriter
 from rl.guidance.residual import ResidualTeam
-from rl.guidance.targets import Target, Targets
 from rl.missions.formation.slots import Slots
 from rl.perception.contacts import TrackedContacts
 from rl.perception.instruments import Readings

@@ -15,10 +15,9 @@ from torch import Tensor
 
 from rl.guidance.controllers import CONTROLLERS
 from rl.guidance.controllers.vessel import CourseCommand as Way
-from rl.guidance.geometry import wrap
+from rl.guidance.geometry import TARGET_SIZE as TARGET
+from rl.guidance.geometry import Target, wrap
 from rl.guidance.observations import squashed
-from rl.guidance.targets import SIZE as TARGET
-from rl.guidance.targets import Target
 from rl.mission import ControllerError
 from rl.missions.landing.deck import DeckMotion, deck_motion, into_level
 from rl.perception.instruments import Readings
