@@ -67,6 +67,8 @@ MOVED = {
     "rl.perception.columns": "rl.perception.sensors (obstacles, mates), .radio, .sightings and .chart",
     "rl.perception.lookout": "rl.perception.sightings",
     "rl.perception.camera": "rl.perception.sightings",
+    "rl.course.traffic": "rl.course.obstacles",
+    "rl.course.closed_spline": "rl.course.tracks",
     "taichi_sim.plotting.style": "taichi_sim.plotting",
 }
 

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rl.course.traffic import RADIUS, TOP, Bodies
+from rl.course.obstacles import RADIUS, TOP, Bodies
 from rl.guidance.controllers import CONTROLLERS
 from rl.guidance.shapes import escort_offsets
 from rl.mission import Endings, Frame, Histories, Mission, Step

@@ -20,7 +20,7 @@ import taichi as ti
 import torch
 from torch import Tensor
 
-from rl.course import traffic
+from rl.course import obstacles as bodies
 from rl.course.obstacles import Cylinder
 from rl.guidance.geometry import COS, COURSE, EAST, NORTH, SIN, SPEED, TARGET_SIZE, course_of
 from rl.missions.escort.config import EscortScenario
@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 SLOWEST = 0.3  # m/s: the course of a slower vessel is not updated
 CUE_SPEED = 1.5  # m/s, standard deviation of the vessel's velocity at first, each way; assumed
 COPIED = (
-    (Object.NORTH, traffic.NORTH), (Object.EAST, traffic.EAST), (Object.V_NORTH, traffic.V_NORTH),
-    (Object.V_EAST, traffic.V_EAST), (Object.RADIUS, traffic.RADIUS),
+    (Object.NORTH, bodies.NORTH), (Object.EAST, bodies.EAST), (Object.V_NORTH, bodies.V_NORTH),
+    (Object.V_EAST, bodies.V_EAST), (Object.RADIUS, bodies.RADIUS),
 )  # fmt: skip
 """Columns of an object, and the rows of a body that they are copied from."""
 ESTIMATE = 60.0  # ns of one observer, about
@@ -207,7 +207,7 @@ def write_objects(mission: "Escort", vessel: Fleet) -> None:
     place, velocity = mission.vessel_place, vessel.velocity_n[:, 0, :2]
     place.copy_(vessel.position_n[:, 0, :2])
     table = mission.bodies.table
-    table[:, : traffic.EAST + 1, 0], table[:, traffic.V_NORTH : traffic.V_EAST + 1, 0] = place, velocity
+    table[:, : bodies.EAST + 1, 0], table[:, bodies.V_NORTH : bodies.V_EAST + 1, 0] = place, velocity
     if mission.traffic.present:
         table[..., 1:] = mission.traffic.table
     objects = mission.tracking.objects

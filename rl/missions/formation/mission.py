@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rl.course.traffic import ROWS, Bodies
+from rl.course.obstacles import ROWS, Bodies
 from rl.guidance.controllers import CONTROLLERS
 from rl.guidance.geometry import Targets
 from rl.mission import Endings, Frame, Histories, Mission, Step
@@ -42,7 +42,7 @@ class Formation(Mission[FormationScenario, TeamTask]):
 
     Attributes:
         tracks, obstacles, starts: of every world; obstacles [world, n, 4] north, east, radius, height, m.
-        bodies: moving obstacles (rl/course/traffic.py).
+        bodies: moving obstacles (rl/course/obstacles.py).
         env_world: int64 [env], world of each environment. targets: of the leaders.
         wind_factor: mean wind at the flight height over that at 10 m.
     """

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from rl.course.traffic import Bodies
+from rl.course.obstacles import Bodies
 from rl.guidance.geometry import Geometry, SlotErrors, Target, Targets
 from rl.guidance.knowledge import Knowledge
 from rl.guidance.observations import ObservationWriter

@@ -6,9 +6,8 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from rl.course.obstacles import generate_obstacles
+from rl.course.obstacles import ROWS, Span, Traffic, generate_obstacles
 from rl.course.tracks import Tracks, generate_tracks
-from rl.course.traffic import ROWS, Span, Traffic
 from rl.guidance.shapes import lane_half_width
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.slots import offsets_of, unit_offsets
@@ -79,7 +78,7 @@ def draw_traffic(
     config: FormationScenario, tracks: Tracks, starts: Starts, obstacles: Tensor, models: Mapping[str, Vehicle],
     generator: torch.Generator,
 ) -> Tensor:  # fmt: skip
-    """Draw traffic for each start [world, start, 8, body] (rl/course/traffic.py), among `obstacles` [world, n, 4].
+    """Draw traffic for each start [world, start, 8, body] (rl/course/obstacles.py), among `obstacles` [world, n, 4].
 
     Raises:
         ConfigError: if it is faster than the vehicles, or finds no free path.
