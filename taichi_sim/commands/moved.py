@@ -31,7 +31,7 @@ MOVED = {
     "rl.guidance.controllers.drift": "rl.guidance.controllers.vessel",
     "rl.learn.history": "rl.learn.progress",
     "rl.missions.formation.evasions": "rl.missions.formation.judge",
-    "rl.missions.formation.known": "rl.missions.formation.team",
+    "rl.missions.formation.known": "rl.missions.formation.mission",
     "rl.missions.escort.control": "rl.missions.escort.mission",
     "rl.missions.escort.picture": "rl.missions.escort.tracking",
     "rl.missions.escort.things": "rl.missions.escort.tracking",
@@ -69,6 +69,9 @@ MOVED = {
     "rl.perception.camera": "rl.perception.sightings",
     "rl.course.traffic": "rl.course.obstacles",
     "rl.course.closed_spline": "rl.course.tracks",
+    "rl.missions.formation.starts": "rl.missions.formation.worlds",
+    "rl.missions.formation.flyable": "rl.missions.formation.worlds",
+    "rl.missions.formation.team": "rl.missions.formation.mission",
     "taichi_sim.plotting.style": "taichi_sim.plotting",
 }
 

@@ -15,8 +15,7 @@ from rl.mission import Step
 from rl.missions.formation.config import FormationScenario
 
 if TYPE_CHECKING:
-    from rl.missions.formation.mission import Formation
-    from rl.missions.formation.team import TeamTask
+    from rl.missions.formation.mission import Formation, TeamTask
 
 
 class FormationJudge(ErrorJudge["Formation", FormationScenario]):
