@@ -147,7 +147,7 @@ def test_every_package_was_walked():
     modules = sources(ROOT)
     for package in PACKAGES:
         assert sum(name.startswith(package + ".") for name in modules) >= 2, package
-    team = set(imports("rl.missions.formation.team", modules["rl.missions.formation.team"], set(modules)))
+    team = set(imports("rl.missions.formation.mission", modules["rl.missions.formation.mission"], set(modules)))
     assert team >= {"rl.perception.sensors", "rl.missions.formation.slots", "rl.guidance.residual"}
 
 
@@ -156,9 +156,9 @@ def test_every_package_was_walked():
     [
         ("taichi_sim/world.py", "from rl.scenario import derive_seed"),
         ("rl/perception/sensors.py", "import tools"),
-        ("rl/missions/formation/team.py", "def late():\n    from rl import train"),
-        ("rl/missions/formation/team.py", "from ...train import main"),
-        ("rl/missions/formation/team.py", "from ... import play"),
+        ("rl/missions/formation/mission.py", "def late():\n    from rl import train"),
+        ("rl/missions/formation/mission.py", "from ...train import main"),
+        ("rl/missions/formation/mission.py", "from ... import play"),
         ("taichi_sim/sea/waves.py", "import taichi_sim.usv.unity_boat as boat"),
         ("taichi_sim/usv/unity_boat.py", "from taichi_sim.uav import unity_aircraft"),
         ("rl/learn/stages.py", "from tools import validate"),

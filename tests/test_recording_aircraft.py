@@ -13,7 +13,7 @@ from test_recording import column, elevation, make_episode, rows
 from rl.evaluation.episode_log import EVENTS
 from rl.evaluation.record import _stalls, record_episode
 from rl.missions import load_scenario
-from rl.missions.formation.team import TeamTask
+from rl.missions.formation.mission import TeamTask
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.recording import Airframe, Episode, write_recording

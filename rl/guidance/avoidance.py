@@ -35,11 +35,10 @@ import taichi as ti
 import torch
 from torch import Tensor
 
-from rl.guidance.geometry import SLOT_VELOCITY, row_of
+from rl.guidance.geometry import COURSE_RATE, SLOT_VELOCITY, row_of
 from rl.guidance.geometry import V as VELOCITY
 from rl.guidance.knowledge import Knowledge
-from rl.guidance.targets import COURSE_RATE
-from rl.perception.columns import Mate, Obstacle
+from rl.perception.sensors import Mate, Obstacle
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.conventions import EAST, NORTH
 from taichi_sim.kernels import runtime

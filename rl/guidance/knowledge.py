@@ -4,8 +4,7 @@ from typing import Protocol
 
 from torch import Tensor
 
-from rl.guidance.geometry import SlotErrors
-from rl.guidance.targets import Target
+from rl.guidance.geometry import SlotErrors, Target
 from rl.perception.instruments import Readings
 from rl.perception.radio import Radio
 from rl.perception.sensors import Nearby
@@ -31,7 +30,7 @@ class Knowledge(Protocol):
 
     @property
     def target(self) -> Target:
-        """The target that the team tracks (targets.py)."""
+        """The target that the team tracks (geometry.py)."""
         ...
 
     @property

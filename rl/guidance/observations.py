@@ -27,7 +27,9 @@ import taichi as ti
 from torch import Tensor
 
 from rl.guidance.geometry import (
+    COS,
     COURSE_B,
+    COURSE_RATE,
     DISTANCE_SCALE,
     ERROR,
     ERROR_B,
@@ -35,13 +37,15 @@ from rl.guidance.geometry import (
     OFFSET,
     PREVIOUS_SIGHT,
     SIGHT,
+    SIN,
+    SPEED,
     own_frame,
     row_of,
 )
 from rl.guidance.geometry import V as VELOCITY
 from rl.guidance.knowledge import Knowledge
-from rl.guidance.targets import COS, COURSE_RATE, SIN, SPEED
-from rl.perception.columns import Mate, Message, Obstacle
+from rl.perception.radio import Message
+from rl.perception.sensors import Mate, Obstacle
 from taichi_sim.conventions import ROLL_RATE, SURGE
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import DOWN

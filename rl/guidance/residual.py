@@ -9,7 +9,7 @@ from torch import Tensor
 from rl.guidance.avoidance import Gains, Shield, Wanted
 from rl.guidance.knowledge import Knowledge
 from rl.mission import Mission, Team
-from rl.perception.columns import Mate, Obstacle
+from rl.perception.sensors import Mate, Obstacle
 from rl.team import Controller
 from taichi_sim.config import ConfigError, NonNegative, Positive, Strict
 

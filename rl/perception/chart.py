@@ -25,9 +25,9 @@ from typing import NamedTuple
 import taichi as ti
 from torch import Tensor
 
-from rl.perception.columns import Message, Object, Sighting, SightingReport, store_obstacle
-from rl.perception.radio import NEVER
-from rl.perception.sensors import Nearby, Sight, insert
+from rl.perception.radio import NEVER, Message
+from rl.perception.sensors import Nearby, Sight, insert, store_obstacle
+from rl.perception.sightings import Object, Sighting
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.runtime import array1, array3, array4, whole1
@@ -38,6 +38,12 @@ NORTH, EAST, V_NORTH, V_EAST, P_PP, P_PV, P_VV, AGE, SINCE, TRACK = range(10)
 OLDEST = 30.0  # s: older sightings are ignored
 VAGUE = 8.0  # m, standard deviation of a place: objects known less well are not evaded; assumed
 KEEP = 25.0  # ns of one vehicle, object and sender, about
+
+
+class SightingReport:
+    """The last sighting of an object in a message: place, variance, AGE (s; below 0: not seen yet)."""
+
+    NORTH, EAST, VARIANCE, AGE, SIZE = range(5)
 
 
 class TrackNoise(NamedTuple):

@@ -20,9 +20,8 @@ import taichi as ti
 from pydantic import Field
 from torch import Tensor
 
-from rl.perception.columns import Mate, Obstacle, store_mate, store_obstacle
 from rl.perception.instruments import InstrumentsConfig
-from rl.perception.sensors import Nearby, Sight
+from rl.perception.sensors import Mate, Nearby, Obstacle, Sight, store_mate, store_obstacle
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime

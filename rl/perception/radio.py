@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from pydantic import Field
 from torch import Tensor
 
-from rl.perception.columns import Message
 from taichi_sim.config import Fraction, Positive, Strict
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import RADIO, uniform4
@@ -30,6 +29,13 @@ from taichi_sim.kernels.runtime import array1, array3, array4, whole1
 NEVER = 1e6  # s, age of a message that was never received
 MOST = 64  # vehicles of a team
 TALK = 40.0  # ns of one receiver and sender, about
+
+
+class Message:
+    """The first numbers of every message: place and velocity of its sender, as the sender measures them."""
+
+    PLACE, VELOCITY = slice(0, 3), slice(3, 6)
+    V_NORTH, SIZE = 3, 6
 
 
 class RadioConfig(Strict):

@@ -61,14 +61,14 @@ class HonestPlanner(Planner):
 
 
 def write_obstacles_as_bodies(table: Tensor, position: Tensor, seen: Tensor) -> None:
-    """Write sensed obstacles into a table of bodies [env, 8, body] (rl/course/traffic.py), from its first column on.
+    """Write sensed obstacles into a table of bodies [env, 8, body] (rl/course/obstacles.py), from its first column on.
 
     Args:
         position: [env, vehicle, 2 or more] of the vehicles that sensed them, as they know it, m, NED.
         seen: [env, vehicle, k, 9] obstacles as a `Sensor` has them (rl/perception/sensors.py).
     """
-    from rl.course.traffic import AWAY, BOTTOM, CARRIED, EAST, NORTH, RADIUS, TOP, V_EAST, V_NORTH
-    from rl.perception.columns import Obstacle
+    from rl.course.obstacles import AWAY, BOTTOM, CARRIED, EAST, NORTH, RADIUS, TOP, V_EAST, V_NORTH
+    from rl.perception.sensors import Obstacle
 
     away = seen[..., Obstacle.LEVEL, None] + seen[..., Obstacle.RADIUS, None]
     place = position[:, :, None, :2] + away * seen[..., Obstacle.NORTH : Obstacle.DOWN]

@@ -8,9 +8,7 @@ import torch
 from torch import Tensor
 
 from rl.guidance.avoidance import Avoider, Gains, Shield
-from rl.guidance.geometry import SIZE, SLOT_VELOCITY, V
-from rl.guidance.targets import COURSE_RATE
-from rl.guidance.targets import SIZE as TARGET_SIZE
+from rl.guidance.geometry import COURSE_RATE, SIZE, SLOT_VELOCITY, TARGET_SIZE, V
 from taichi_sim.kernels import runtime
 from taichi_sim.vehicle import Limits
 

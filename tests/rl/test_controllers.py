@@ -11,8 +11,7 @@ from small_missions import TEAMS
 from torch import Tensor
 
 from rl.evaluation.episodes import evaluate
-from rl.guidance import avoidance
-from rl.guidance.controllers import force_vector
+from rl.guidance import avoidance, geometry
 from rl.guidance.controllers.sampled import held, place_poles
 from rl.learn.policy import ClassicalPolicy, policies_of
 from rl.mission import ControllerError
@@ -89,7 +88,7 @@ def test_both_poles_are_placed(damping, bandwidth):
 
 def test_approach_can_be_stopped():
     """From a rate sqrt(2 a |e|) a deceleration a stops exactly at zero error; near zero it is linear."""
-    rate = force_vector.approach(torch.tensor([-2.0, 0.001]), 4.0, 3.0)
+    rate = geometry.approach(torch.tensor([-2.0, 0.001]), 4.0, 3.0)
     torch.testing.assert_close(rate, torch.tensor([-math.sqrt(2 * 3.0 * 2.0), 0.004]))
 
 

@@ -19,8 +19,8 @@ from rl.missions import load_scenario, make_mission
 from rl.missions.escort.circling import BOATS_HEARD_OF, CIRCLE_SCALE, FAR_SCALE, HEARD_OF, SLOW_SCALE
 from rl.missions.escort.mission import Escort
 from rl.perception.chart import AGE
-from rl.perception.columns import Sighting
 from rl.perception.radio import NEVER
+from rl.perception.sightings import Sighting
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder
 from taichi_sim.recording.overlays import Lines, Plot

@@ -6,7 +6,7 @@ from small_missions import AXES, TEAMS, begin, everything, make, observed, past_
 from torch import Tensor
 
 from rl.missions.formation.slots import Drawn
-from rl.missions.formation.starts import Starts, _others_for
+from rl.missions.formation.worlds import Starts, _others_for
 
 
 def test_a_reset_changes_only_the_given_environments(shared):

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from rl.guidance.residual import CHANGE_SCALE
 from rl.learn.policy import CheckpointError, ClassicalPolicy, TrainedPolicy
-from rl.perception.columns import Obstacle
+from rl.perception.sensors import Obstacle
 from taichi_sim.config import ConfigError
 
 MOST = 2.0  # m/s

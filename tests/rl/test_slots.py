@@ -19,7 +19,7 @@ pytestmark = pytest.mark.usefixtures("f64")
 
 
 def target(position: Tensor, course: Tensor, course_rate: Tensor, speed: float) -> Tensor:
-    """The table of one target in each environment (targets.py)."""
+    """The table of one target in each environment (geometry.py)."""
     others = course, course.cos(), course.sin(), course_rate, torch.full_like(course, speed)
     return torch.cat((position, torch.stack(others, dim=1)), dim=1).unsqueeze(1)
 

@@ -4,7 +4,7 @@ import tomllib
 
 import pytest
 
-from rl.guidance.controllers.unity_boat import UnityBoatGains
+from rl.guidance.controllers.unity import UnityBoatGains
 from rl.missions import load_scenario
 from rl.runs.tune import tune, write_numbers
 from taichi_sim.config import ConfigError

@@ -11,9 +11,7 @@ from torch import Tensor
 
 from rl.evaluation.episodes import evaluate
 from rl.guidance import avoidance
-from rl.guidance.controllers.course import Load
-from rl.guidance.controllers.hull_6dof import Hull6DofController, shaft, shares, vessel
-from rl.guidance.controllers.vessel import Resistance, loops
+from rl.guidance.controllers.vessel import Hull6DofController, Load, Resistance, hull_dynamics, loops, shaft, shares
 from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario
 from rl.missions.formation.mission import Formation
@@ -84,7 +82,7 @@ def test_steady_motion_meets_the_resistance():
 
 def otter():
     model = make(*CALM).teams["usv"].fleet.model
-    return model, vessel(model, model.params.thrusters)
+    return model, hull_dynamics(model, model.params.thrusters)
 
 
 def test_otter_is_what_was_published():

@@ -5,10 +5,8 @@ Each derives from `SlotController` (avoidance.py). A vehicle's own controller (`
 
 from rl.guidance.avoidance import SlotController
 from rl.guidance.controllers.fixed_wing_6dof import FixedWing6DofController
-from rl.guidance.controllers.hull_6dof import Hull6DofController
-from rl.guidance.controllers.manoeuvring_3dof import Manoeuvring3dofController
-from rl.guidance.controllers.unity_aircraft import UnityAircraftController
-from rl.guidance.controllers.unity_boat import UnityBoatController
+from rl.guidance.controllers.unity import UnityAircraftController, UnityBoatController
+from rl.guidance.controllers.vessel import Hull6DofController, Manoeuvring3dofController
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 from taichi_sim.uav.unity_aircraft import UnityAircraft
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof

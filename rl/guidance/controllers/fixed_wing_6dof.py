@@ -26,8 +26,7 @@ import torch
 from torch import Tensor
 
 from rl.guidance.avoidance import AvoidanceGains, Avoider, SlotController
-from rl.guidance.controllers.course import into
-from rl.guidance.controllers.force_vector import approach, turning
+from rl.guidance.geometry import approach, into, turning
 from rl.guidance.knowledge import Knowledge
 from rl.mission import ControllerError
 from taichi_sim.config import Positive

@@ -1,4 +1,5 @@
-"""Model of a displacement vessel for its controller, and the gains that follow from it.
+"""Classical control of displacement vessels (`hull_6dof`, `manoeuvring_3dof`): track control by surge force and yaw
+moment, with gains that follow from a model of the vessel in the plane.
 
     m11 (u' - v r) = X - d_u(u),   m33 r' = N - d_r(r),   d(x) = (a + b |x| + c x^2) x.
 
@@ -15,11 +16,19 @@ chi' = s (1 + lead) (chi* - chi). There is no lead where a yaw rate first pushes
 import math
 from typing import NamedTuple
 
+import torch
 from torch import Tensor
 
-from rl.guidance.avoidance import AvoidanceGains
+from rl.guidance.avoidance import AvoidanceGains, Avoider, SlotController
 from rl.guidance.controllers.sampled import decaying, place_poles
+from rl.guidance.geometry import approach, into, to_starboard, turning, wrap
+from rl.guidance.knowledge import Knowledge
+from rl.mission import ControllerError
 from taichi_sim.config import NonNegative, Positive
+from taichi_sim.conventions import GRAVITY
+from taichi_sim.usv.hull.hull_6dof import Hull6Dof
+from taichi_sim.usv.hull.thrusters import PropellerPair
+from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof, Manoeuvring3dofParams
 from taichi_sim.usv.vessel import steady_speed
 
 SAMPLED_SHARE = 0.5  # limit of w times the decision interval; assumed
@@ -27,10 +36,17 @@ COURSE_SHARE = 0.3  # desired bandwidth of the course, as a share of w; assumed
 MOST_LEAD = 3.0  # assumed
 LAG_SHARE = 0.25  # limit of the poles of the position loop, as a share of s (1 + lead); assumed
 SWAY_SHARE = 0.05  # sway at which its resistance is linearised, as a share of the top speed; assumed
+SPEED_SHARE = 0.95  # largest desired speed, as a share of the top speed; assumed
+LEAST_SHARE = 0.1  # a shorter velocity has no direction to follow; share of the top speed; assumed
+RATE_SHARE = 0.9  # largest desired yaw rate, as a share of the top yaw rate; assumed
+COURSE_TIME = 8.0  # s of the integral of the course error; assumed
+COURSE_ERROR = 0.5  # sine of the course error: larger ones are turns; assumed
+DRIFT_SHARE = 0.2  # of the top speed, the greatest drift; assumed
+EVADING = 1e-3  # m/s: less of a change by avoidance is rounding
 
 
 class CourseGains(AvoidanceGains):
-    """Gains of track control (course.py), besides those of avoidance."""
+    """Gains of track control (`Course`), besides those of avoidance."""
 
     heading_error: Positive = 0.35  # rad
     position_share: Positive = 0.11  # both poles of the position loop, as a share of w
@@ -96,9 +112,6 @@ class VesselDynamics(NamedTuple):
         return 2 * load / (a + (a * a + 4 * b * load.abs()).sqrt()).clamp(min=1e-6)
 
 
-Vessel = VesselDynamics  # its earlier name
-
-
 class Loops(NamedTuple):
     """Gains of the position loop e' = -k_e e - k_i (integral of e), the speed loop, and the heading loop; all 1/s."""
 
@@ -125,4 +138,314 @@ def loops(vessel: VesselDynamics, gains: CourseGains, interval: float) -> Loops:
     return Loops(
         k_e=2 * p, k_i=p * p, k_u=(1 - math.exp(-gains.speed_bandwidth * interval)) / interval, k_psi=k / (k_r + d),
         k_r=k_r, lead=lead,
+    )  # fmt: skip
+
+
+class Load(NamedTuple):
+    """Loads demanded of the actuators, without limits, each [env, vehicle]."""
+
+    X: Tensor  # N
+    Y: Tensor  # N, for vessels that can push to the side
+    N: Tensor  # N m
+
+
+class CourseCommand(NamedTuple):
+    """The velocity command, each [env, vehicle, 2], NED."""
+
+    velocity: Tensor  # v*, m/s
+    change: Tensor  # v*', m/s^2
+
+
+class Course:
+    """Computes the loads for a team of one kind of vessel; its only state is the drift.
+
+    Over ground, with the error e = slot - position, the drift z (`Drift`), and evasion (../avoidance.py) of what is
+    near:
+
+        v* = v_s + sat(k_e e) + z,   v*' = chi' x v_s + k_e (v_s - v).
+
+    The slot's velocity v_s is that of the formation (the target's, plus the swing about the leader). The leader's
+    measured velocity also contains its motion in waves, which a follower would chase in vain. Speed, where u* is the
+    part of v* along the nose and a the waves' push:
+
+        X = m11 (v*'_x + k_u (u* - u) - a_x) + d_u(u*).
+
+    The nose follows the direction chi* of v*, turned inwards by the drift angle beta of a steady turn at the target's
+    rate. It leads further (`lead`) where the course is slow to follow:
+
+        r* = (v*'_y - wave_share a_y) / |v*| + approach(chi* + beta - psi + lead (chi* - chi)),
+        N = m33 k_r (r* - r) + d_r(r*).
+
+    Waves: the hull floats on the water's slope, so its tilt measures a = -g (R_nb e_3)_{n,e}. Thrust cancels the part
+    along the nose. Only a turn can cancel the part to starboard, and a turn in every wave costs moment and thrust that
+    steering needs: wave_share is small. The heading is fed back and not the course over ground, which contains the sway
+    in waves.
+    """
+
+    STATE = ("drift",)
+
+    def __init__(self, vessel: VesselDynamics, gains: CourseGains, interval: float):
+        """Compute what follows from the `gains` for decisions every `interval` s."""
+        self.vessel, self.interval, self.gains = vessel, interval, gains
+        self.loops, self.avoid = loops(vessel, gains, interval), Avoider(gains)
+        self.drift = Drift(self.loops.k_i, vessel.top_speed, interval)
+        self.top_speed, self.least_speed = SPEED_SHARE * vessel.top_speed, LEAST_SHARE * vessel.top_speed
+        self.top_rate = RATE_SHARE * vessel.top_rate
+        self.turn = vessel.moment / vessel.m33
+
+    def load(self, team: Knowledge, wanted: CourseCommand) -> Load:
+        """Loads that follow the command."""
+        k, ship = self.loops, self.vessel
+        heading = team.fleet.heading
+        u, sway = into(team.fleet.velocity_n[..., :2], heading)
+        ahead, aside = into(wanted.velocity, heading)
+        change_x, change_y = into(wanted.change, heading)
+        push_x, push_y = into(self._push(team), heading)
+        X = ship.m11 * (change_x + k.k_u * (ahead - u) - push_x) + ship.surge.at(ahead)
+        Y = ship.m22 * (change_y + k.k_u * (aside - sway) - push_y) + ship.sway.at(aside)
+
+        speed = wanted.velocity.norm(dim=-1).clamp(min=self.least_speed)
+        slide = ship.slide(speed, team.target.course_rate)
+        off = torch.atan2(aside, ahead)
+        slip = torch.atan2(sway, u.clamp(min=self.least_speed))
+        error = wrap(off + torch.atan(slide / speed) + k.lead * wrap(off - slip))
+        rate = (change_y - self.gains.wave_share * push_y) / speed + approach(error, k.k_psi, self.turn)
+        rate = rate.clamp(-self.top_rate, self.top_rate)
+        r = (team.fleet.R_nb[..., 2, :] * team.fleet.angular_velocity_b).sum(-1)
+        return Load(X, Y, ship.m33 * k.k_r * (rate - r) + ship.yaw.at(rate))
+
+    def wanted(self, team: Knowledge) -> CourseCommand:
+        """v* and v*' that lead to the team's slots."""
+        slot, error, v = formation_velocity(team), team.now.error[..., :2], team.fleet.velocity_n[..., :2]
+        chase = self.loops.k_e * error
+        limit = self._fastest(slot, chase, team.now.about).clamp(
+            self.least_speed, self.gains.closing_share * self.top_speed
+        )
+        share = (limit / chase.norm(dim=-1, keepdim=True).clamp(min=1e-6)).clamp(max=1.0)
+        direct, drift = slot + share * chase, self.drift.at(team.fleet.position_n[..., :2], team.steps == 0)
+        wanted = self.avoid(team, direct)  # without the drift, which is no motion over ground
+        evading = (wanted - direct).norm(dim=-1, keepdim=True) > EVADING
+        able = (share >= 1) & ~evading
+        self.drift.learn(error, able & (chase.norm(dim=-1, keepdim=True) < self.drift.most))
+        if team.now.about:
+            self.drift.correct(wanted, v, share < 1)
+        change = turning(team, slot) + torch.where(able, self.loops.k_e * (slot - v), 0.0)
+        return CourseCommand(wanted + drift, change)
+
+    def _fastest(self, slot: Tensor, chase: Tensor, about: bool) -> Tensor:
+        """Limit [env, vehicle, 1] (m/s) of the `chase`: its sum with the slot's velocity stays below the top speed.
+
+        The sum is limited in any direction; for slots `about` a target, which may be far, in the chase's own direction
+        (constant bearing guidance: Breivik & Fossen 2009, Guidance laws for autonomous underwater vehicles, sec. 5.2).
+        """
+        own = slot.norm(dim=-1, keepdim=True)
+        if not about:
+            return self.top_speed - own
+        toward = (slot * chase).sum(-1, keepdim=True) / chase.norm(dim=-1, keepdim=True).clamp(min=1e-6)
+        return (self.top_speed**2 - own * own + toward * toward).clamp(min=0.0).sqrt() - toward
+
+    def _push(self, team: Knowledge) -> Tensor:
+        """Acceleration [env, vehicle, 2] (m/s^2, NED) by the waves, half an interval ahead."""
+        R, omega = team.fleet.R_nb, team.fleet.angular_velocity_b
+        down_rate = R[..., :2, 0] * omega[..., 1:2] - R[..., :2, 1] * omega[..., 0:1]  # of R e_3: R (omega x e_3)
+        return -GRAVITY * (R[..., :2, 2] + 0.5 * self.interval * down_rate)
+
+
+class Drift:
+    """Drift of a team: a velocity, added to the desired one, that compensates current, wind and sway.
+
+    It is the integral of the position error in n, z' = k_i e: in n a current is constant however the hull turns.
+    Against wind-up it is limited, and held while the hull cannot follow its command or is farther off than a drift
+    explains. Far from a slot about a target, the course over ground is held instead, by the integral of the velocity
+    error to the side of the command: the integral action of line-of-sight guidance (Børhaug, Pavlov & Pettersen 2008,
+    IEEE CDC, eq. 7, in terms of velocities). An episode begins without a drift.
+    """
+
+    STATE = ("place", "moved", "value", "given")
+
+    def __init__(self, k_i: float, top_speed: float, interval: float):
+        """`k_i` 1/s^2, `top_speed` m/s, `interval` s."""
+        self.interval, self.step, self.most = interval, k_i * interval, DRIFT_SHARE * top_speed
+        self.place: Tensor | None = None  # as the other states are before the first decision
+        self.moved: Tensor | None = None
+        self.value: Tensor | None = None
+        self.given: Tensor | None = None
+
+    def at(self, position: Tensor, begins: Tensor) -> Tensor:
+        """The drift (m/s) of vehicles at `position` (m), both [env, vehicle, 2]; 0 where an episode `begins` [env]."""
+        place, value, given = self.place, self.value, self.given
+        if place is None or value is None or given is None or place.shape != position.shape:
+            place, value = position, torch.zeros_like(position)
+            given = value
+        fresh = begins.view(-1, 1, 1)
+        self.value = torch.where(fresh, 0.0, value)
+        self.moved = ~fresh & (position != place).any(-1, keepdim=True)
+        self.given = torch.where(self.moved | fresh, self.value, given)  # or a second call at the same moment
+        self.place = position.clone()
+        return self.given
+
+    def learn(self, error: Tensor, able: Tensor) -> None:
+        """Integrate `error` [env, vehicle, 2] (m) of those that are `able` [env, vehicle, 1] to follow."""
+        self._add(self.step * error, able)
+
+    def correct(self, wanted: Tensor, velocity: Tensor, able: Tensor) -> None:
+        """Integrate the part of `velocity` across `wanted` (m/s), both [env, vehicle, 2], of those that are `able`."""
+        speed = wanted.norm(dim=-1, keepdim=True).clamp(min=1e-6)
+        side = to_starboard(wanted) / speed
+        off = (velocity * side).sum(-1, keepdim=True)
+        steady = off.abs() < COURSE_ERROR * velocity.norm(dim=-1, keepdim=True)
+        self._add(-self.interval / COURSE_TIME * off * side, able & steady)
+
+    def _add(self, change: Tensor, able: Tensor) -> None:
+        assert self.value is not None and self.moved is not None, "`at` comes first"
+        value = self.value + change
+        value = value * (self.most / value.norm(dim=-1, keepdim=True).clamp(min=1e-6)).clamp(max=1.0)
+        self.value = torch.where(able & self.moved & value.isfinite(), value, self.value)
+
+
+def formation_velocity(team: Knowledge) -> Tensor:
+    """Velocity [env, vehicle, 2] (m/s, NED) of slots: about a leader that keeps to its own, or about the target."""
+    if team.now.about:
+        return team.now.slot_velocity[..., :2]
+    target = team.target
+    leader = target.speed.unsqueeze(-1) * torch.stack((target.cos, target.sin), dim=-1)
+    about = team.now.slot_velocity[..., :2] - team.fleet.velocity_n[:, :1, :2]
+    about[:, 0] = 0.0
+    return leader + about
+
+
+class Hull6DofGains(CourseGains):
+    """Gains, tuned by rl/tune.py on `otter`."""
+
+    acceleration: Positive = 0.94
+    horizon: Positive = 26.0
+    berth: Positive = 0.6
+    margin: Positive = 0.4
+    hard: Positive = 84.0
+    lean: Positive = 0.16
+
+
+class CourseController(SlotController):
+    """Acts for a team of vessels; its only state is their drift."""
+
+    STATE = ("course",)
+
+    course: Course
+
+    def wanted(self, team: Knowledge) -> CourseCommand:
+        """The velocity command that leads to the slots."""
+        return self.course.wanted(team)
+
+
+class Hull6DofController(CourseController):
+    """Acts for a team of hulls with two propellers.
+
+    Half the difference of the two thrusts makes the moment, their mean the surge force. The moment has priority: the
+    mean is limited so that both propellers stay within their range with the desired difference.
+    """
+
+    Gains = Hull6DofGains
+
+    def __init__(self, model: Hull6Dof, gains: Hull6DofGains | None = None):
+        """Compute what follows from the parameters of `model` and the `gains`.
+
+        Raises:
+            ControllerError: if it has no propellers, or is not commanded by them.
+        """
+        if model.params.thrusters is None or model.params.actions not in ("surge_yaw", "left_right"):
+            raise ControllerError(
+                "the classical controller of a hull_6dof needs two propellers, [thrusters], with actions = "
+                '"surge_yaw" or "left_right"'
+            )
+        self.thrusters, self.actions = model.params.thrusters, model.params.actions
+        self.gains = gains or Hull6DofGains()
+        self.course = Course(hull_dynamics(model, self.thrusters), self.gains, model.dt * model.substeps)
+
+    def act(self, team: Knowledge, wanted: CourseCommand) -> Tensor:
+        """Actions [env, vehicle, 2] in [-1, 1]; none for a vehicle whose state is not finite."""
+        left, right = shares(self.thrusters, self.course.load(team, wanted), astern=self.actions == "left_right")
+        if self.actions == "left_right":
+            action = torch.stack((shaft(self.thrusters, left), shaft(self.thrusters, right)), dim=-1)
+        else:
+            t = self.thrusters
+            action = torch.stack(
+                ((left + right) / t.thrust_max - 1, (left - right) / (t.thrust_max - t.thrust_min)), dim=-1
+            )
+        return torch.nan_to_num(action).clamp(-1.0, 1.0)
+
+
+def hull_dynamics(model: Hull6Dof, thrusters: PropellerPair) -> VesselDynamics:
+    """The hull in the plane; cross-flow drag of pure sway and of pure yaw: L and L^4 / 32 in the strip integral."""
+    h, M = model.params.hydrodynamics, model.slow_mass
+    section = 0.5 * h.cross_flow_density * h.cross_flow_draft * h.cross_flow_coefficient
+    L = h.cross_flow_length
+    return VesselDynamics(
+        m11=float(M[0, 0]), m22=float(M[1, 1]), m33=float(M[5, 5]), surge=Resistance(h.linear[0], h.quadratic[0]),
+        sway=Resistance(h.linear[1], h.quadratic[1] + section * L),
+        yaw=Resistance(h.linear[5], h.quadratic[5] + section * L**4 / 32), thrust=2 * thrusters.thrust_max,
+        moment=_arm(thrusters) * (thrusters.thrust_max - thrusters.thrust_min),
+    )  # fmt: skip
+
+
+def shares(t: PropellerPair, load: Load, *, astern: bool) -> tuple[Tensor, Tensor]:
+    """Thrusts (N) of the left and the right propeller; their mean is not negative unless `astern`."""
+    most = 0.5 * (t.thrust_max - t.thrust_min)
+    half = (0.5 * load.N / _arm(t)).clamp(-most, most)
+    mean = (0.5 * load.X).clamp(min=t.thrust_min if astern else 0.0)
+    mean = torch.minimum(torch.maximum(mean, t.thrust_min + half.abs()), t.thrust_max - half.abs())
+    return mean + half, mean - half
+
+
+def shaft(t: PropellerPair, thrust: Tensor) -> Tensor:
+    """Shaft speed in [-1, 1], as a share of the greatest ahead or astern, whose thrust k |n| n is `thrust` (N)."""
+    ahead = (thrust.clamp(min=0.0) / t.thrust_max).sqrt()
+    if t.thrust_min == 0:
+        return ahead
+    return ahead - (thrust.clamp(max=0.0) / t.thrust_min).sqrt()
+
+
+def _arm(t: PropellerPair) -> float:
+    """Half the distance (m) between the propellers."""
+    return 0.5 * (t.right[1] - t.left[1])
+
+
+class Manoeuvring3dofGains(CourseGains):
+    """Gains, named as those of `hull_6dof`; not tuned."""
+
+    acceleration: Positive = 0.3
+    horizon: Positive = 25.0
+    berth: Positive = 0.6
+    margin: Positive = 0.4
+
+
+class Manoeuvring3dofController(CourseController):
+    """Acts for a team of vessels with surge force and yaw moment, each clipped to its limit."""
+
+    Gains = Manoeuvring3dofGains
+
+    def __init__(self, model: Manoeuvring3dof, gains: Manoeuvring3dofGains | None = None):
+        """Compute what follows from the parameters of `model` and the `gains`."""
+        self.params = model.params
+        self.gains = gains or Manoeuvring3dofGains()
+        self.course = Course(planar_dynamics(model.params), self.gains, model.dt * model.substeps)
+
+    def act(self, team: Knowledge, wanted: CourseCommand) -> Tensor:
+        """Actions [env, vehicle, 2 or 3] in [-1, 1]; none for a vehicle whose state is not finite."""
+        p, load = self.params, self.course.load(team, wanted)
+        X, N = load.X / p.surge_force_max, load.N / p.yaw_moment_max
+        if p.actions == "acceleration_yaw":
+            action = torch.stack((2 * X - 1, N), dim=-1)
+        else:
+            Y = load.Y / p.sway_force_max if p.sway_force_max else torch.zeros_like(X)
+            action = torch.stack((X, Y, N), dim=-1)
+        return torch.nan_to_num(action).clamp(-1.0, 1.0)
+
+
+def planar_dynamics(p: Manoeuvring3dofParams) -> VesselDynamics:
+    """The vessel for its controller: with the sway force due to yaw, without the yaw moment due to sway."""
+    M = p.M
+    return VesselDynamics(
+        m11=float(M[0, 0]), m22=float(M[1, 1]), m33=float(M[2, 2]), surge=Resistance(-p.X_u, -p.X_uu, -p.X_uuu),
+        sway=Resistance(-p.Y_v, -p.Y_vv), yaw=Resistance(-p.N_r, -p.N_rr), thrust=p.surge_force_max,
+        moment=p.yaw_moment_max, sway_yaw=-p.Y_r,
     )  # fmt: skip

@@ -7,16 +7,15 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from rl.guidance.geometry import SLOT_SIZE, SlotErrors
+from rl.guidance.geometry import EAST, NORTH, SLOT_SIZE, TARGET_SIZE, SlotErrors, Target
 from rl.guidance.observations import squashed
 from rl.guidance.residual import ResidualTeam
-from rl.guidance.targets import EAST, NORTH, SIZE, Target
 from rl.missions.escort.circling import CIRCLE_SCALE, FAR_SCALE, SLOW_SCALE, CircleErrors, CircleKnowledge, CirclingForm
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
-from rl.perception.camera import Camera
 from rl.perception.contacts import TrackedContacts
 from rl.perception.instruments import Readings
 from rl.perception.sensors import Sensor
+from rl.perception.sightings import Camera
 from taichi_sim.kernels import runtime
 
 if TYPE_CHECKING:
@@ -151,7 +150,7 @@ class MeasuredAircraft:
         self._team, self.fleet = team, team.own
         self.radius, self.orbit = team.radius, team.orbit
         self.now, self.slot_table = SlotErrors(state, self.axes), state.new_zeros((*state.shape[:2], SLOT_SIZE))
-        self.target = Target(state.new_zeros((*state.shape[:2], SIZE)), team.fleet.position_n[:, 0])
+        self.target = Target(state.new_zeros((*state.shape[:2], TARGET_SIZE)), team.fleet.position_n[:, 0])
         self.sensor = TrackedContacts(
             team.section.sensors.scaled_contacts, team.sensor, team.fleet, self.fleet, team.interval, number
         )

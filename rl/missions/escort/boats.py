@@ -6,18 +6,17 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from rl.guidance.geometry import OFFSET, RATE, SLOT_SIZE, Geometry
+from rl.guidance.geometry import OFFSET, RATE, SLOT_SIZE, Geometry, Target
+from rl.guidance.geometry import TARGET_SIZE as TARGET
 from rl.guidance.observations import ObservationWriter, squashed
 from rl.guidance.residual import ResidualTeam
 from rl.guidance.shapes import escort_offsets
-from rl.guidance.targets import SIZE as TARGET
-from rl.guidance.targets import Target
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
 from rl.perception.chart import Charted
 from rl.perception.contacts import TrackedContacts
 from rl.perception.instruments import Readings
-from rl.perception.lookout import Lookout
 from rl.perception.sensors import Sensor
+from rl.perception.sightings import Lookout
 from taichi_sim.kernels import runtime
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import torch
 
-from rl.guidance.targets import strongest_wind
+from rl.guidance.geometry import strongest_wind
 from rl.missions.escort.config import EscortScenario
 from taichi_sim.config import ConfigError
 from taichi_sim.fleet import Fleet

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import taichi as ti
 from torch import Tensor
 
-from rl.guidance.geometry import own_frame
+from rl.guidance.geometry import COS, COURSE, EAST, NORTH, SIN, SPEED, own_frame
 from rl.guidance.observations import RATE_SCALE, SPEED_SCALE, air_columns, columns, put, put_air, put_squashed, squash
-from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SPEED
 from rl.missions.escort.boats import AGE_SCALE, SIGMA_SCALE
-from rl.perception.columns import Message, Sighting
+from rl.perception.radio import Message
+from rl.perception.sightings import Sighting
 from taichi_sim.conventions import DOWN, ROLL_RATE, SURGE
 from taichi_sim.kernels import rotation, runtime
 from taichi_sim.kernels.abreast import taken, taken2

@@ -10,10 +10,9 @@ from rl.course.obstacles import FixedObstacle
 from rl.guidance.residual import ResidualConfig
 from rl.guidance.shapes import EscortShape
 from rl.missions.escort.rewards import EscortAircraftReward, EscortBoatReward
-from rl.perception.camera import CameraConfig
 from rl.perception.contacts import SensorsConfig
-from rl.perception.lookout import LookoutConfig
 from rl.perception.radio import RadioConfig
+from rl.perception.sightings import CameraConfig, LookoutConfig
 from rl.planning.config import PlanConfig
 from rl.scenario import Evaluation, Scenario
 from taichi_sim.config import Fraction, NonNegative, Positive, Span, Strict, TeamConfig

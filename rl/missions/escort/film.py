@@ -13,9 +13,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from rl.guidance.targets import COURSE, DOWN, NORTH
+from rl.guidance.geometry import COURSE, DOWN, NORTH
 from rl.missions.escort.config import OrbitConfig
-from rl.perception.columns import Sighting
+from rl.perception.sightings import Sighting
 from taichi_sim.conventions import HORIZONTAL
 from taichi_sim.recording.overlays import Ellipsoids, Lines, Overlay, Plot
 

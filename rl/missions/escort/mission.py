@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rl.course.traffic import RADIUS, TOP, Bodies
+from rl.course.obstacles import RADIUS, TOP, Bodies
 from rl.guidance.controllers import CONTROLLERS
 from rl.guidance.shapes import escort_offsets
 from rl.mission import Endings, Frame, Histories, Mission, Step
@@ -28,7 +28,7 @@ from rl.missions.escort.scouts import Scouts, scout_observers
 from rl.missions.escort.tracking import SharedTracking, write_objects
 from rl.missions.escort.vessel import Wanderer
 from rl.missions.escort.worlds import afloat, aloft, draw_worlds
-from rl.perception.columns import Sighting
+from rl.perception.sightings import Sighting
 from rl.rewards import fine, paid
 from rl.team import Controller
 from taichi_sim.config.io import validate

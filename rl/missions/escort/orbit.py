@@ -27,7 +27,7 @@ from rl.guidance.controllers.fixed_wing_6dof import (
     FlightCommand,
     velocity_through_air,
 )
-from rl.guidance.controllers.force_vector import cross, to_starboard
+from rl.guidance.geometry import cross, to_starboard
 from taichi_sim.config import Positive
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 

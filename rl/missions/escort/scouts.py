@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from rl.guidance.controllers.force_vector import to_starboard
+from rl.guidance.geometry import to_starboard
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
-from rl.perception.camera import Camera
 from rl.perception.instruments import InstrumentsConfig
+from rl.perception.sightings import Camera
 from taichi_sim.conventions import DOWN, QUATERNION, STATE_SIZE
 from taichi_sim.fleet import Views
 from taichi_sim.kernels.rotation import DERIVED_SIZE, HEADING_COS, HEADING_SIN, ROTATION, VELOCITY_N

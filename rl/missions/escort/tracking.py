@@ -20,15 +20,13 @@ import taichi as ti
 import torch
 from torch import Tensor
 
-from rl.course import traffic
+from rl.course import obstacles as bodies
 from rl.course.obstacles import Cylinder
-from rl.guidance.controllers.force_vector import course_of
-from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SIZE, SPEED
+from rl.guidance.geometry import COS, COURSE, EAST, NORTH, SIN, SPEED, TARGET_SIZE, course_of
 from rl.missions.escort.config import EscortScenario
-from rl.perception.camera import UNSEEN
 from rl.perception.chart import AGE, P_PP, P_PV, P_VV, V_EAST, V_NORTH, Chart, width_of
-from rl.perception.columns import Message, Object, Sighting
-from rl.perception.radio import Radio
+from rl.perception.radio import Message, Radio
+from rl.perception.sightings import UNSEEN, Object, Sighting
 from taichi_sim.fleet import Fleet, Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
@@ -40,8 +38,8 @@ if TYPE_CHECKING:
 SLOWEST = 0.3  # m/s: the course of a slower vessel is not updated
 CUE_SPEED = 1.5  # m/s, standard deviation of the vessel's velocity at first, each way; assumed
 COPIED = (
-    (Object.NORTH, traffic.NORTH), (Object.EAST, traffic.EAST), (Object.V_NORTH, traffic.V_NORTH),
-    (Object.V_EAST, traffic.V_EAST), (Object.RADIUS, traffic.RADIUS),
+    (Object.NORTH, bodies.NORTH), (Object.EAST, bodies.EAST), (Object.V_NORTH, bodies.V_NORTH),
+    (Object.V_EAST, bodies.V_EAST), (Object.RADIUS, bodies.RADIUS),
 )  # fmt: skip
 """Columns of an object, and the rows of a body that they are copied from."""
 ESTIMATE = 60.0  # ns of one observer, about
@@ -112,7 +110,7 @@ class SharedTracking:
 
     Attributes:
         objects: [env, object, 6], the truth. sightings: [env, observer, object, 3]. radio, chart: of rl/perception.
-        targets: [env, observer, 8] each observer's estimate of the vessel, columns of rl/guidance/targets.py; the rate
+        targets: [env, observer, 8] each observer's estimate of the vessel, columns of rl/guidance/geometry.py; the rate
             of its course is 0, because an estimated rate did more harm than good.
         age, sigma: [env, observer] age (s) and standard deviation (m, each way) of the estimates.
     """
@@ -141,7 +139,7 @@ class SharedTracking:
             shift=1 if escort.reports == "others" else 0,
         )  # fmt: skip
         self.chart = Chart(self.sightings, self.radio.said, self.radio.heard, config.decision_interval)
-        self.targets = state.new_zeros((envs, observers, SIZE))
+        self.targets = state.new_zeros((envs, observers, TARGET_SIZE))
         self.age, self.sigma = state.new_zeros((envs, observers)), state.new_zeros((envs, observers))
         self._course, self._searching = state.new_zeros((envs, observers)), state.new_zeros((envs, observers))
         self._estimates = runtime.Packed(
@@ -209,7 +207,7 @@ def write_objects(mission: "Escort", vessel: Fleet) -> None:
     place, velocity = mission.vessel_place, vessel.velocity_n[:, 0, :2]
     place.copy_(vessel.position_n[:, 0, :2])
     table = mission.bodies.table
-    table[:, : traffic.EAST + 1, 0], table[:, traffic.V_NORTH : traffic.V_EAST + 1, 0] = place, velocity
+    table[:, : bodies.EAST + 1, 0], table[:, bodies.V_NORTH : bodies.V_EAST + 1, 0] = place, velocity
     if mission.traffic.present:
         table[..., 1:] = mission.traffic.table
     objects = mission.tracking.objects

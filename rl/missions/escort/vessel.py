@@ -14,16 +14,11 @@ from torch import Tensor
 
 from rl.guidance.avoidance import Avoider
 from rl.guidance.controllers import CONTROLLERS
-from rl.guidance.controllers.course import CourseCommand
-from rl.guidance.controllers.force_vector import course_of, wrap
-from rl.guidance.controllers.hull_6dof import Hull6DofController
-from rl.guidance.controllers.manoeuvring_3dof import Manoeuvring3dofController
-from rl.guidance.geometry import SLOT_SIZE, SlotErrors
-from rl.guidance.targets import SIZE as TARGET
-from rl.guidance.targets import Target
+from rl.guidance.controllers.vessel import CourseCommand, Hull6DofController, Manoeuvring3dofController
+from rl.guidance.geometry import SLOT_SIZE, SlotErrors, Target, course_of, wrap
+from rl.guidance.geometry import TARGET_SIZE as TARGET
 from rl.missions.escort.config import EscortScenario
-from rl.perception.columns import Mate
-from rl.perception.sensors import Nearby, Sensor
+from rl.perception.sensors import Mate, Nearby, Sensor
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import validate
 from taichi_sim.conventions import QUATERNION, STATE_SIZE, SURGE

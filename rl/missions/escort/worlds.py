@@ -13,8 +13,20 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
-from rl.course.obstacles import Cylinder
-from rl.course.traffic import AWAY, BOTTOM, CARRIED, EAST, NORTH, RADIUS, ROWS, TOP, V_EAST, V_NORTH
+from rl.course.obstacles import (
+    AWAY,
+    BOTTOM,
+    CARRIED,
+    CROSSING_ANGLE,
+    EAST,
+    NORTH,
+    RADIUS,
+    ROWS,
+    TOP,
+    V_EAST,
+    V_NORTH,
+    Cylinder,
+)
 from rl.missions.escort.config import ROOM, EscortScenario
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import DOWN, QUATERNION, STATE_SIZE, SURGE
@@ -30,7 +42,7 @@ AIM = 3.0  # m, greatest distance of the first obstacle from the boats' way
 ABREAST = 12.0  # m between boats at the start; assumed
 TALLEST, LOWEST = 15.0, 4.0  # m, heights of obstacles; aircraft pass above; assumed
 CLOSING = 1.0  # m/s, speed of boats for timing the crossings; assumed
-CROSSING = math.radians(50.0), math.radians(130.0)
+
 NEAR = 12.0  # m, standard deviation about the slots of boats that begin near the vessel; assumed
 BOAT_SPEED = (0.5, 1.5)  # m/s at which boats begin; assumed
 APART = 40.0  # m between aircraft that begin; assumed
@@ -42,7 +54,7 @@ class Worlds(NamedTuple):
     course: Tensor  # of the vessel
     speed: Tensor
     obstacles: Tensor  # [world, n, 4] north, east, radius, height
-    bodies: Tensor  # [world, 8, n] moving bodies (rl/course/traffic.py); the first is the vessel
+    bodies: Tensor  # [world, 8, n] moving bodies (rl/course/obstacles.py); the first is the vessel
     place: Tensor  # [world, boat, 2]
     heading: Tensor  # [world, boat]
     aloft: Tensor  # [world, 2] about which the aircraft begin
@@ -155,7 +167,7 @@ def _moving(config, taken, middle, bearing, far, near, uniform) -> Tensor:
         for _ in range(TRIES):
             share = uniform(0.2, 0.8)
             when = share * far / CLOSING
-            turn = torch.where(uniform(-1.0, 1.0) < 0, uniform(*CROSSING), -uniform(*CROSSING))
+            turn = torch.where(uniform(-1.0, 1.0) < 0, uniform(*CROSSING_ANGLE), -uniform(*CROSSING_ANGLE))
             course = bearing + math.pi + turn
             velocity = speed.unsqueeze(-1) * torch.stack((course.cos(), course.sin()), dim=-1)
             begin = (1 - share).unsqueeze(-1) * middle - when.unsqueeze(-1) * velocity

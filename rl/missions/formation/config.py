@@ -29,7 +29,7 @@ class TrackConfig(Strict):
 
 
 class ObstacleConfig(Strict):
-    """Vertical cylinders beside the track and in the lanes, some of which move (rl/course/traffic.py)."""
+    """Vertical cylinders beside the track and in the lanes, some of which move (rl/course/obstacles.py)."""
 
     count: Annotated[int, Field(ge=0, le=500)] = 24  # generated ones, per lap
     clearance_min: Annotated[float, Field(ge=-500, le=500)] = 6.0  # from the outermost lane, m; < 0: in the lanes

@@ -9,14 +9,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rl.course.traffic import BOTTOM, EAST, NORTH, RADIUS, TOP
+from rl.course.obstacles import BOTTOM, EAST, NORTH, RADIUS, TOP
 from rl.judge import COLLISION_LOSS, COMMON, Episodes, ErrorJudge, errors_of, median_of, over_time, rms_of
 from rl.mission import Step
 from rl.missions.formation.config import FormationScenario
 
 if TYPE_CHECKING:
-    from rl.missions.formation.mission import Formation
-    from rl.missions.formation.team import TeamTask
+    from rl.missions.formation.mission import Formation, TeamTask
 
 
 class FormationJudge(ErrorJudge["Formation", FormationScenario]):

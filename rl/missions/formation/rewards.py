@@ -16,7 +16,7 @@ from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.conventions import EAST, NORTH
 
 if TYPE_CHECKING:
-    from rl.missions.formation.team import TeamTask
+    from rl.missions.formation.mission import TeamTask
 
 
 class TrackingReward(Strict):
@@ -71,7 +71,7 @@ TERMS: dict[str, Callable[["TeamTask", Endings, TrackingReward], Tensor]] = {
     "clearance": lambda team, ended, w: clearance(team.sensor.gap, w.clearance_range),
     "ending": lambda team, ended, w: penalty(ended.any),
 }
-"""Terms of `reward = "tracking"`: name of the weight -> function of a team (team.py), its endings, and the weights."""
+"""Terms of `reward = "tracking"`: name of the weight -> function of a team, its endings, and the weights."""
 
 
 def tracking(team: "TeamTask", ended: Endings) -> Tensor:

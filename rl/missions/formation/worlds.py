@@ -1,27 +1,226 @@
-"""The worlds of a scenario: tracks, obstacles beside them and in the lanes, and traffic."""
+"""The worlds of a scenario: tracks, obstacles beside them and in the lanes, traffic, and initial states.
+
+A pool of starts for each world is drawn once, so that a reset is a gather. The target is at a random place of the
+track; the leader within `start_distance` of it, near the slot's heading and speed; followers near their slots, of a
+formation that is drawn with the start. A team that touches an obstacle is pulled in towards its slots. Another place is
+drawn if the slots are not clear either, or if vehicles that cannot stop would meet before they can turn away. Where no
+place is found, the world's other starts are used.
+"""
 
 import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from rl.course.obstacles import generate_obstacles
+from rl.course.obstacles import ROWS, Cylinder, Span, Traffic, generate_obstacles
 from rl.course.tracks import Tracks, generate_tracks
-from rl.course.traffic import ROWS, Span, Traffic
+from rl.guidance.geometry import LEAST_SHARE, crab, strongest_wind
 from rl.guidance.shapes import lane_half_width
 from rl.missions.formation.config import FormationScenario
-from rl.missions.formation.slots import offsets_of, unit_offsets
-from rl.missions.formation.starts import Starts
+from rl.missions.formation.slots import Drawn, draw_formations, offsets_of, unit_offsets
 from rl.scenario import derive_seed
 from taichi_sim.config import ConfigError
+from taichi_sim.conventions import DOWN, HEADING, QUATERNION, STATE_SIZE, SURGE
+from taichi_sim.kernels.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler
 from taichi_sim.randomisation.conditions import nominal_conditions
 from taichi_sim.vehicle import Vehicle
 
+PER_WORLD = 32  # starts drawn for each world
+HEADING_SPREAD = 0.5, 0.15  # rad, standard deviations: of a team's heading about the course, of a vehicle's about that
+SPEED_RANGE = (0.6, 1.2)  # of the target's speed, one draw per team
+FOLLOWER_SPREAD = 0.2  # standard deviation of a follower's place, in spacings
+HEIGHT_SPREAD = 0.07  # of the flight height, standard deviation of UAV start heights
+LARGEST_DROP = 0.3  # of the flight height
+MAX_DRAWS = 50  # of places for a start
+MARGIN = 3.0  # m from obstacles, beyond the collision radius; between mates too, or half the room of their slots
+PULLS = (1.0, 0.5, 0.25, 0.0)  # shares of the random offsets that are tried, in order
+TURNING_TIME = 3.0  # s that vehicles which cannot stop are given to turn away from each other; assumed
+CLEAR_TIME = 3.0  # s for which a vehicle that goes straight on meets no obstacle: room for an evasion; assumed
+FREE_TIME = 7.0  # s to any obstacle ahead with the wind, of vehicles that cannot stop: room for a turn; assumed
 TALLEST = 90.0  # m, of generated obstacles
 VESSEL_TOPS = 4.0, 15.0  # m, of traffic on the sea; assumed
 SHORTEST = 15.0  # s: in shorter episodes nothing could move that is not too near at the start
 FLYING_SPAN = 15.0  # m, below and above the flight height, of traffic in the air; assumed
+
+
+class Starts(NamedTuple):
+    """Start `i` of world `w`: progress [world, i] m along the track; states[team] [world, i, vehicle, 13], and the
+    formation [world, i] that the team begins in.
+    """
+
+    progress: Tensor
+    states: dict[str, Tensor]
+    formations: dict[str, Drawn]
+
+    def to(self, device: torch.device) -> "Starts":
+        """A copy on another device."""
+        states = {name: s.to(device) for name, s in self.states.items()}
+        formations = {name: Drawn(f.shape.to(device), f.spacing.to(device)) for name, f in self.formations.items()}
+        return Starts(self.progress.to(device), states, formations)
+
+
+def draw_starts(
+    config: FormationScenario, tracks: Tracks, obstacles: Tensor, models: Mapping[str, Vehicle],
+    generator: torch.Generator,
+) -> Starts:  # fmt: skip
+    """Draw `PER_WORLD` starts in each world for the teams named in `models`."""
+    shape = (tracks.worlds, PER_WORLD)
+    world = torch.arange(tracks.worlds).unsqueeze(1).expand(shape).contiguous()
+    progress = torch.zeros(shape)
+    states = {t: torch.zeros((*shape, config.teams[t].count, STATE_SIZE)) for t in models}
+    # Drawn once: if they were drawn again with each place, shapes that seldom fit would be rare.
+    formations = {t: draw_formations(config.formations[t], shape, generator) for t in models}
+    missing = torch.ones(shape, dtype=torch.bool)
+    fastest = config.track.target_speed
+    if config.track.speed_over == "air":
+        fastest += strongest_wind(config, config.track.flight_height)
+    for _ in range(MAX_DRAWS):
+        drawn = torch.rand(shape, generator=generator) * tracks.length_m.unsqueeze(1)
+        place = tracks.at(world, drawn)
+        clear, fresh = missing.clone(), {}
+        for team, model in models.items():
+            fresh[team], fits = _team_states(config, team, model, formations[team], place, obstacles, generator)
+            clear &= fits
+            if not model.limits.stops:
+                clear &= _pass_clear(fresh[team], 2 * (model.collision_radius + MARGIN))
+                clear &= _free(fresh[team], obstacles, fastest)
+        progress = torch.where(clear, drawn, progress)
+        for team in models:
+            states[team] = torch.where(clear[..., None, None], fresh[team], states[team])
+        missing &= ~clear
+        if not missing.any():
+            break
+    without = int(missing.all(dim=1).sum())
+    if without:
+        raise ConfigError(
+            f"no room to start: in {without} of {tracks.worlds} worlds all starts touch an obstacle after {MAX_DRAWS} "
+            "draws; lower obstacles.count or obstacles.fixed, raise obstacles.clearance_min, or shrink the formation"
+        )
+    return _others_for(missing, Starts(progress, states, formations))
+
+
+def _others_for(missing: Tensor, starts: Starts) -> Starts:
+    """Replace starts that are `missing` [world, start] by others of the same world, in turn."""
+    there = missing.argsort(dim=1, stable=True)  # first those that there are
+    turn = torch.arange(missing.shape[1]) % (~missing).sum(dim=1, keepdim=True)
+    taken = torch.where(missing, there.gather(1, turn), torch.arange(missing.shape[1]))
+    rows = torch.arange(missing.shape[0]).unsqueeze(1)
+    states = {name: of[rows, taken] for name, of in starts.states.items()}
+    return Starts(starts.progress[rows, taken], states, {n: f.at(rows, taken) for n, f in starts.formations.items()})
+
+
+def in_wind(state: Tensor, wind: Tensor, over_ground: Tensor, airspeed: float, model: Vehicle) -> Tensor:
+    """Starts [env, vehicle, 13] behind a target with `airspeed`, `over_ground` [env], in a `wind` [env, 2], m/s.
+
+    Speeds scale with the target's speed over ground. A `model` that cannot stop begins in steady flight at its cruising
+    airspeed; it heads into the wind by the crab angle, so that the drawn heading becomes its course.
+    """
+    state = state.clone()
+    state[..., SURGE] *= (over_ground * (1 / airspeed)).unsqueeze(1)
+    if not model.limits.stops:
+        course = torch_euler_from_quaternion(state[..., QUATERNION])[..., HEADING]
+        turn = crab(model.limits.speeds[1], wind.unsqueeze(1), course.cos(), course.sin())
+        level = torch.zeros_like(course)
+        state[..., QUATERNION] = torch_quaternion_from_euler(level, level, course + turn)
+    return state
+
+
+def _team_states(config, team, model, formation: Drawn, place, obstacles, generator) -> tuple[Tensor, Tensor]:
+    """States [world, start, vehicle, 13] of a team, and whether they are clear of everything [world, start]."""
+    section, margin, spacing = config.teams[team], model.collision_radius + MARGIN, formation.spacing
+    shape = (*place.course.shape, section.count)
+    course = place.course.unsqueeze(-1)
+
+    def normal(*size: int) -> Tensor:
+        return torch.randn(size, generator=generator)
+
+    def uniform(*size: int) -> Tensor:
+        return torch.rand(size, generator=generator)
+
+    radius = section.start_distance * uniform(*shape[:2], 1).sqrt()
+    bearing = 2 * math.pi * uniform(*shape[:2], 1)
+    leader = torch.stack((radius * bearing.cos(), radius * bearing.sin()), dim=-1)
+    scatter = leader + (FOLLOWER_SPREAD * spacing).float()[..., None, None] * normal(*shape, 2)
+    scatter[..., 0, :] = leader[..., 0, :]
+    ahead, starboard = offsets_of(unit_offsets(section), formation).float().unbind(-1)
+    north = course.cos() * ahead - course.sin() * starboard
+    east = course.sin() * ahead + course.cos() * starboard
+    slot = place.position.unsqueeze(2) + torch.stack((north, east), dim=-1)
+    room = spacing - 2 * (margin - MARGIN)  # between neighbours in their slots
+    apart = spacing - torch.maximum(room - MARGIN, room / 2)
+    pull, clear = _first_clear_pull(slot, scatter, obstacles, margin, apart)
+
+    state = torch.zeros((*shape, STATE_SIZE))
+    state[..., :2] = slot + pull * scatter
+    of_team, of_vehicle = HEADING_SPREAD  # neighbours on crossing courses could not miss each other
+    heading = course + of_team * normal(*shape[:2], 1) + of_vehicle * normal(*shape)
+    if model.medium == "air":
+        spread = (HEIGHT_SPREAD * normal(*shape)).clamp(-LARGEST_DROP, LARGEST_DROP)
+        state[..., DOWN] = -config.track.flight_height * (1 + spread)
+    level = torch.zeros_like(heading)
+    state[..., QUATERNION] = torch_quaternion_from_euler(level, level, heading)
+    low, high = SPEED_RANGE
+    state[..., SURGE] = config.track.target_speed * (low + (high - low) * uniform(*shape[:2], 1))
+    return state, clear & _way_clear(state, obstacles, margin)
+
+
+def _bow(state: Tensor) -> Tensor:
+    """Direction [.., vehicle, 2] (NED) in which vehicles [.., vehicle, 13] head."""
+    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., HEADING]
+    return torch.stack((heading.cos(), heading.sin()), dim=-1)
+
+
+def _way_clear(state: Tensor, obstacles: Tensor, margin: float) -> Tensor:
+    """Whether vehicles [world, start, vehicle, 13] keep `margin` (m) from obstacles for `CLEAR_TIME` [world, start]."""
+    way = (CLEAR_TIME * state[..., SURGE, None] * _bow(state)).unsqueeze(3)
+    to = obstacles[:, None, None, :, :2] - state[..., None, :2]
+    share = (to * way).sum(-1, keepdim=True) / way.square().sum(-1, keepdim=True).clamp(min=1e-6)
+    apart = (to - share.clamp(0.0, 1.0) * way).norm(dim=-1) - obstacles[:, None, None, :, Cylinder.RADIUS]
+    return (apart > margin).flatten(2).all(-1)
+
+
+def _free(state: Tensor, obstacles: Tensor, speed: float) -> Tensor:
+    """Whether vehicles [world, start, vehicle, 13] of a `speed` are `FREE_TIME` from obstacles ahead [world, start]."""
+    to, radius = obstacles[:, None, None, :, :2] - state[..., None, :2], obstacles[:, None, None, :, Cylinder.RADIUS]
+    ahead = (to * _bow(state).unsqueeze(3)).sum(-1) > -radius
+    near = to.norm(dim=-1) - radius < FREE_TIME * speed
+    return ~(ahead & near).flatten(2).any(-1)
+
+
+def _pass_clear(state: Tensor, apart: float) -> Tensor:
+    """Whether vehicles [.., vehicle, 13] that go straight on for `TURNING_TIME` stay `apart` (m) in plan view [..]."""
+    place, velocity = state[..., :2], state[..., SURGE, None] * _bow(state)
+    gap, rate = (x.unsqueeze(-2) - x.unsqueeze(-3) for x in (place, velocity))
+    nearest = -(gap * rate).sum(-1, keepdim=True) / rate.square().sum(-1, keepdim=True).clamp(min=1e-9)
+    distance = (gap + rate * nearest.clamp(0.0, TURNING_TIME)).norm(dim=-1)
+    return (distance + 1e9 * torch.eye(distance.shape[-1])).amin(dim=(-2, -1)) > apart
+
+
+def _first_clear_pull(
+    slot: Tensor, scatter: Tensor, obstacles: Tensor, margin: float, apart: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Largest share [world, start, 1, 1] of `scatter` at which the whole team keeps `margin` (m) from obstacles and
+    is `apart` [world, start] (m), and whether there is any [world, start].
+    """
+    count = slot.shape[2]
+    best = torch.zeros((*slot.shape[:2], 1, 1))
+    any_clear = torch.zeros(slot.shape[:2], dtype=torch.bool)
+    for share in reversed(PULLS):
+        place = slot + share * scatter
+        if obstacles.shape[1]:
+            axis = obstacles[:, None, None, :, :2]
+            gap = (place.unsqueeze(3) - axis).norm(dim=-1) - obstacles[:, None, None, :, Cylinder.RADIUS]
+            clear = gap.amin(dim=(2, 3)) > margin
+        else:
+            clear = torch.ones(place.shape[:2], dtype=torch.bool)
+        if count > 1:
+            gap = torch.cdist(place, place) + 1e9 * torch.eye(count)
+            clear &= gap.amin(dim=(2, 3)) > apart
+        best = torch.where(clear[..., None, None], torch.full_like(best, share), best)
+        any_clear |= clear
+    return best, any_clear
 
 
 def generate_worlds(config: FormationScenario, seed: int) -> tuple[Tracks, Tensor]:
@@ -79,7 +278,7 @@ def draw_traffic(
     config: FormationScenario, tracks: Tracks, starts: Starts, obstacles: Tensor, models: Mapping[str, Vehicle],
     generator: torch.Generator,
 ) -> Tensor:  # fmt: skip
-    """Draw traffic for each start [world, start, 8, body] (rl/course/traffic.py), among `obstacles` [world, n, 4].
+    """Draw traffic for each start [world, start, 8, body] (rl/course/obstacles.py), among `obstacles` [world, n, 4].
 
     Raises:
         ConfigError: if it is faster than the vehicles, or finds no free path.
@@ -103,3 +302,68 @@ def draw_traffic(
         return traffic.draw(tracks, starts.progress, where, obstacles, generator)
     except ValueError as error:
         raise ConfigError(f"scenario {config.name!r}: {error}") from None
+
+
+def check_teams(config: FormationScenario, models: Mapping[str, Vehicle]) -> None:
+    """Refuse teams, by their vehicles' `models`, that cannot hold their slots, or follow the track in the wind.
+
+    A slot at y to starboard of a leader on a bend of radius R to starboard goes at v (1 - y / R): backwards where
+    y > R.
+
+    Raises:
+        ConfigError: naming the key, and the numbers.
+    """
+    for name, model in models.items():
+        section = config.formations[name]
+        least, drawn, width = section.spacings[0], section.formation.spacing_range, 2 * model.collision_radius
+        if section.count > 1 and least <= width:
+            key = f"formation.spacing_range = {list(drawn)}" if drawn else f"spacing = {least}"
+            raise ConfigError(
+                f"{name}.{key}: must be above twice the vehicle's collision_radius, {width} m: neighbours would touch "
+                "in their slots"
+            )
+    if config.track.speed_over == "air" and not any(model.medium == "air" for model in models.values()):
+        raise ConfigError(
+            f"track.speed_over = 'air': only {', '.join(models)} is simulated, and nothing flies; it needs 'ground'"
+        )
+    for name, model in models.items():
+        section, least = config.formations[name], config.track.min_radius
+        for shape in section.shapes:
+            width = lane_half_width((shape,), section.count, section.spacings[1])
+            if width >= least:
+                raise ConfigError(
+                    f"track.min_radius = {least}: {name}'s formation {shape!r} ({name}.count = {section.count}, "
+                    f"{section.spacings[1]:g} m apart) reaches {width:.3g} m to the side of its leader: slots on the "
+                    "inside of the tightest bends would stand still or go backwards"
+                )
+        _check_flyable(config, f"{name}.vehicle = {section.vehicle!r}", model)
+
+
+def _check_flyable(config: FormationScenario, vehicle: str, model: Vehicle) -> None:
+    """Refuse a track that `model`, of the file `vehicle`, cannot follow; a vehicle that can stop follows any track.
+
+    Over ground, the target's speed v needs airspeeds from v - w to v + w. Through the air, its airspeed V_a makes
+    speeds over ground up to V_a + w. Either way a bend of radius R needs the lateral acceleration v^2 / R at the
+    largest speed over ground v (rl/guidance/geometry.py), so R must reach v^2 / (g tan(largest bank)).
+    """
+    low, cruise, high = model.limits.speeds
+    if model.limits.stops or math.isinf(high):
+        return
+    track = config.track
+    speed, wind = track.target_speed, strongest_wind(config, track.flight_height)
+    most = speed + wind if track.speed_over == "air" else speed
+    needed = (speed, speed) if track.speed_over == "air" else (speed - wind, speed + wind)
+    key = f"track.target_speed = {speed} over {track.speed_over}"
+    blows = f"a wind of up to {wind:.3g} m/s at track.flight_height = {track.flight_height}"
+    if track.speed_over == "air" and wind > (1 - LEAST_SHARE) * speed:
+        raise ConfigError(f"{key}: {blows} leaves less than {LEAST_SHARE * speed:.3g} m/s over ground against it")
+    if not low <= needed[0] <= needed[1] <= high:
+        airspeeds = f"airspeeds from {needed[0]:.3g} to {needed[1]:.3g} m/s, in {blows}"
+        needs = f" needs {airspeeds} ('air' needs one)" if needed[0] < needed[1] else ""
+        raise ConfigError(f"{key}{needs}: {vehicle} flies from {low:.3g} to {high:.3g} m/s")
+    radius = model.limits.turn_radius * (most / cruise) ** 2
+    if track.min_radius < radius:
+        raise ConfigError(
+            f"track.min_radius = {track.min_radius}: {vehicle} cannot turn tighter than {radius:.3g} m at "
+            f"{most:.3g} m/s over ground ({key}, {blows})"
+        )

@@ -14,11 +14,10 @@ import torch
 from torch import Tensor
 
 from rl.guidance.controllers import CONTROLLERS
-from rl.guidance.controllers.course import Way
-from rl.guidance.controllers.force_vector import wrap
+from rl.guidance.controllers.vessel import CourseCommand as Way
+from rl.guidance.geometry import TARGET_SIZE as TARGET
+from rl.guidance.geometry import Target, wrap
 from rl.guidance.observations import squashed
-from rl.guidance.targets import SIZE as TARGET
-from rl.guidance.targets import Target
 from rl.mission import ControllerError
 from rl.missions.landing.deck import DeckMotion, deck_motion, into_level
 from rl.perception.instruments import Readings
