@@ -12,7 +12,7 @@ figures.
 RUN is a run folder of rl/train.py. For the classical controllers a scenario will do: a file, or a shipped one's name.
 Worlds, targets, sensors, radio, controllers and judge are ours. In each decision the other simulator moves the team's
 vehicles instead of our model. Both move in calm water without wind, in the scenario's current; [TEAM.vary] is ignored.
-Which numbers the vehicles have there, their classes say (tools/simulators.py). A simulator of your own derives from
+Which numbers the vehicles have there, their classes say (tools/simulators). A simulator of your own derives from
 `tools.simulators.Simulator`. crazyflow asks for the setting SCIPY_ARRAY_API=1.
 
 It prints a Markdown table: each figure there / here, and the ratio (for shares the difference, in points) with its 95 %

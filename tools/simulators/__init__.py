@@ -32,7 +32,7 @@ from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
 from taichi_sim.usv.hull import thruster_set
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.vehicle import Vehicle
-from tools import jsbsim_plane
+from tools.simulators import jsbsim_plane
 
 Array = NDArray[np.float64]
 PUBLISHED = "https://github.com/cybergalactic/PythonVehicleSimulator"
@@ -60,7 +60,7 @@ class Simulator:
         `fleet` (taichi_sim/fleet.py) holds states and actions. A simulator may keep state of its own in `fleet.aux`,
         which our model resets at the beginning of an episode. `around.current` [env, 2] is the water's velocity, m/s.
         """
-        raise NotImplementedError(f"{type(self).__name__} has no advance (tools/simulators.py)")
+        raise NotImplementedError(f"{type(self).__name__} has no advance (tools/simulators/__init__.py)")
 
 
 class PythonVehicleSimulator(Simulator):
