@@ -38,8 +38,8 @@ WAITED = 1.0  # s near the deck's middle before "descend" goes down; assumed
 UPRIGHT = math.sin(math.radians(12.0))  # lean into the wind up to which it approaches at full speed; assumed
 EASED, LEAST = math.sin(math.radians(22.0)), 0.2  # lean from which this share of the speed is left; assumed
 SINK, STEEP = 0.35, 1.0  # m/s, and 1/s times the height: the fastest that a policy sinks over the deck; assumed
-OVER, ABOVE = 0.2, 0.5  # m: nearer to the deck's middle a policy may touch; farther it stays this high, at most; assumed
-BLIND, HIGH = 1.0, 2.5  # s without a look at the marker, from which a policy stays this high (m): altimeters err; assumed
+OVER, ABOVE = 0.2, 0.5  # m from the deck's middle where a policy may touch; height that it keeps beside it; assumed
+BLIND, HIGH = 1.0, 2.5  # s without a look at the marker, after which a policy stays this high (m); assumed
 
 
 class Pilot:
@@ -105,8 +105,8 @@ class Pilot:
         return torch.cat((level, fall.unsqueeze(-1)), dim=-1)
 
     def _foreseen(self, team: Any) -> tuple[Tensor, Tensor, Tensor]:
-        """Return, level [env, aircraft, 2], the acceleration (m/s^2) of the deck over the aircraft's own, the way to the
-        deck (m) when a command has its effect, and [env, aircraft] the greater of its length and that of the way now.
+        """Return the level acceleration of the deck over the aircraft's own, the level way to the deck when a command has
+        its effect, both [env, aircraft, 2] (m/s^2, m), and the greater of its length and that of the way now.
         """
         known, lag = team.known_deck, self.config.lag
         closing = (known.velocity - team.own.velocity_n)[..., :2]
@@ -124,9 +124,9 @@ class Pilot:
     def limited(self, team: Any, velocity: Tensor, fastest: float) -> Tensor:
         """Return a policy's velocity [env, aircraft, 3] (NED, m/s) within the pilot's limits.
 
-        The lower the aircraft is, the slower it sinks. It stays above the height that its lean to the deck and its way
-        to the middle allow (`_lift`, OVER), and high until it sees the marker (BLIND). Into the wind it flies over the deck at `fastest` (m/s), and slower while it
-        leans far.
+        The lower the aircraft is, the slower it sinks. It stays above the height that its lean to the deck (`_lift`) and
+        its way to the middle (OVER) allow, and high until it sees the marker (BLIND). Into the wind it flies over the
+        deck at `fastest` (m/s), and slower while it leans far.
         """
         known, height = team.known_deck, team.known_height
         beside = self.config.cone * (self._foreseen(team)[2] - OVER)
