@@ -16,6 +16,7 @@ from rl.missions.landing.judge import OUTCOMES
 from rl.missions.landing.known import KnownDeck
 from rl.missions.landing.marker import Look
 from rl.missions.landing.mission import Landing
+from rl.missions.landing.pilots import ABOVE, HIGH
 from rl.planning.config import PlanConfig
 from rl.planning.honest import HonestPlanner
 from taichi_sim.config import ConfigError
@@ -73,6 +74,21 @@ def test_a_policy_that_asks_for_all_sink_there_is_touches_softly():
         if bool(team.touched.all()):
             break
     assert bool(team.touched.all()) and float(team.touch_speed.max()) < 0.75
+
+
+@pytest.mark.parametrize(
+    ("override", "aside", "least"), [("uav.correction.level=12", 1.0, ABOVE), ("uav.marker.loss=1", 0.0, HIGH)]
+)
+def test_beside_the_middle_and_blind_a_policy_stays_above_the_deck(override, aside, least):
+    """At most 1.8 m/s aside at the deck holds it 0.9 m off the middle."""
+    mission = landing(override)
+    mission.reset()
+    team, asked = mission.teams["uav"], torch.tensor((0.0, aside, 1.0)).expand(4, 1, 3)
+    heights = []
+    for _ in range(150):
+        mission.step({"uav": team.command(asked)})
+        heights.append(float(team.known_height.min()))
+    assert min(heights) > least - 0.3 and not bool(team.touched.any())
 
 
 def test_two_aircraft_land_on_one_deck_one_after_the_other():

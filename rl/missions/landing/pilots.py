@@ -38,6 +38,8 @@ WAITED = 1.0  # s near the deck's middle before "descend" goes down; assumed
 UPRIGHT = math.sin(math.radians(12.0))  # lean into the wind up to which it approaches at full speed; assumed
 EASED, LEAST = math.sin(math.radians(22.0)), 0.2  # lean from which this share of the speed is left; assumed
 SINK, STEEP = 0.35, 1.0  # m/s, and 1/s times the height: the fastest that a policy sinks over the deck; assumed
+OVER, ABOVE = 0.2, 0.5  # m from the deck's middle where a policy may touch; height that it keeps beside it; assumed
+BLIND, HIGH = 1.0, 2.5  # s without a look at the marker, after which a policy stays this high (m); assumed
 
 
 class Pilot:
@@ -87,11 +89,8 @@ class Pilot:
         self.asked = team.mission.steps.clone()
         self._average(known, team.own, since)
         lag, lead = c.lag, 1 / team.fleet.model.gains.velocity
-        closing = (known.velocity - team.own.velocity_n)[..., :2]
-        gaining = known.acceleration[..., :2] - GRAVITY * (self.lean - team.own.R_nb[..., BELOW])[..., :2]
-        to = known.to[..., :2] + lag * closing + 0.5 * lag * lag * gaining  # when a command has its effect
+        gaining, to, away = self._foreseen(team)
         r = to.norm(dim=-1)
-        away = torch.maximum(r, known.to[..., :2].norm(dim=-1))
         slow, most = c.position * r, (2 * c.braking * r).sqrt()
         fastest = c.approach * self._ease(-(self.lean[..., :2] * to).sum(-1) / r.clamp(min=1e-3))
         speed = torch.minimum(torch.minimum(slow, most), fastest)
@@ -105,6 +104,16 @@ class Pilot:
         fall = {"descend": self._descend, "glide": self._glide, "forecast": self._forecast}[c.kind](team, away, since)
         return torch.cat((level, fall.unsqueeze(-1)), dim=-1)
 
+    def _foreseen(self, team: Any) -> tuple[Tensor, Tensor, Tensor]:
+        """Return the level acceleration of the deck over the aircraft's own, the level way to the deck when a command has
+        its effect, both [env, aircraft, 2] (m/s^2, m), and the greater of its length and that of the way now.
+        """
+        known, lag = team.known_deck, self.config.lag
+        closing = (known.velocity - team.own.velocity_n)[..., :2]
+        gaining = known.acceleration[..., :2] - GRAVITY * (self.lean - team.own.R_nb[..., BELOW])[..., :2]
+        to = known.to[..., :2] + lag * closing + 0.5 * lag * lag * gaining
+        return gaining, to, torch.maximum(to.norm(dim=-1), known.to[..., :2].norm(dim=-1))
+
     @staticmethod
     def _ease(lean: Tensor) -> Tensor:
         """Return the share of the speed over the deck that is flown while leaning that way by the sine `lean`: a large
@@ -115,10 +124,14 @@ class Pilot:
     def limited(self, team: Any, velocity: Tensor, fastest: float) -> Tensor:
         """Return a policy's velocity [env, aircraft, 3] (NED, m/s) within the pilot's limits.
 
-        The lower the aircraft is, the slower it sinks. It stays above the height that its lean to the deck allows
-        (`_lift`). Into the wind it flies over the deck at `fastest` (m/s), and slower while it leans far.
+        The lower the aircraft is, the slower it sinks. It stays above the height that its lean to the deck (`_lift`) and
+        its way to the middle (OVER) allow, and high until it sees the marker (BLIND). Into the wind it flies over the
+        deck at `fastest` (m/s), and slower while it leans far.
         """
-        known, height, lift = team.known_deck, team.known_height, self._lift(team)
+        known, height = team.known_deck, team.known_height
+        beside = self.config.cone * (self._foreseen(team)[2] - OVER)
+        lift = torch.maximum(self._lift(team), beside.clamp(0.0, ABOVE))
+        lift = torch.where(known.seen > BLIND, lift.clamp(min=HIGH), lift)
         most = SINK + STEEP * height.clamp(min=0.0)
         most = torch.where(lift > 0, torch.minimum(most, self.config.position * (height - lift)), most)
         down = torch.minimum(velocity[..., DOWN], self._deck_falls(team) + most)

@@ -17,7 +17,7 @@ class AircraftReward(Strict):
     """Weights and scales of an aircraft's terms."""
 
     closing: NonNegative = 1.0  # how fast the time falls that it takes to the deck's middle, s/s
-    time: NonNegative = 0.3  # -1 until the first touch
+    time: NonNegative = 0.6  # -1 until the first touch
     touch: NonNegative = 100.0  # once all soles are down: a third each for how near the middle, how soft, how level
     touch_error: Positive = 0.2  # m
     touch_speed: Positive = 0.6  # m/s
