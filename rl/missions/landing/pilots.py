@@ -105,8 +105,8 @@ class Pilot:
         return torch.cat((level, fall.unsqueeze(-1)), dim=-1)
 
     def _foreseen(self, team: Any) -> tuple[Tensor, Tensor, Tensor]:
-        """Return the level acceleration of the deck over the aircraft's own, the level way to the deck when a command has
-        its effect, both [env, aircraft, 2] (m/s^2, m), and the greater of its length and that of the way now.
+        """Return what is level of the deck's acceleration over the aircraft's own and of the way to the deck when a
+        command has its effect, both [env, aircraft, 2] (m/s^2, m), and the greater of its length and that of the way now.
         """
         known, lag = team.known_deck, self.config.lag
         closing = (known.velocity - team.own.velocity_n)[..., :2]
@@ -124,9 +124,9 @@ class Pilot:
     def limited(self, team: Any, velocity: Tensor, fastest: float) -> Tensor:
         """Return a policy's velocity [env, aircraft, 3] (NED, m/s) within the pilot's limits.
 
-        The lower the aircraft is, the slower it sinks. It stays above the height that its lean to the deck (`_lift`) and
-        its way to the middle (OVER) allow, and high until it sees the marker (BLIND). Into the wind it flies over the
-        deck at `fastest` (m/s), and slower while it leans far.
+        The lower the aircraft is, the slower it sinks. It stays above the height that its lean to the deck (`_lift`)
+        and its way to the middle (OVER) allow, and high until it sees the marker (BLIND). Into the wind it flies over
+        the deck at `fastest` (m/s), and slower while it leans far.
         """
         known, height = team.known_deck, team.known_height
         beside = self.config.cone * (self._foreseen(team)[2] - OVER)
