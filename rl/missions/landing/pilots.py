@@ -106,7 +106,7 @@ class Pilot:
 
     def _foreseen(self, team: Any) -> tuple[Tensor, Tensor, Tensor]:
         """Return what is level of the deck's acceleration over the aircraft's own and of the way to the deck when a
-        command has its effect, both [env, aircraft, 2] (m/s^2, m), and the greater of its length and that of the way now.
+        command has its effect, both [env, aircraft, 2] (m/s^2, m), and the longer of that way and of the way now (m).
         """
         known, lag = team.known_deck, self.config.lag
         closing = (known.velocity - team.own.velocity_n)[..., :2]
