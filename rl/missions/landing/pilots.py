@@ -105,8 +105,8 @@ class Pilot:
         return torch.cat((level, fall.unsqueeze(-1)), dim=-1)
 
     def _foreseen(self, team: Any) -> tuple[Tensor, Tensor, Tensor]:
-        """Return what is level of the deck's acceleration over the aircraft's own and of the way to the deck when a
-        command has its effect, both [env, aircraft, 2] (m/s^2, m), and the longer of that way and of the way now (m).
+        """Return the level parts of the deck's acceleration over the aircraft's own and of the way to the deck when a
+        command has its effect, both [env, aircraft, 2] (m/s^2, m), and the longer of that way and the way now (m).
         """
         known, lag = team.known_deck, self.config.lag
         closing = (known.velocity - team.own.velocity_n)[..., :2]
