@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from rl.guidance.avoidance import Avoider, Gains, Shield
-from rl.guidance.geometry import COURSE_RATE, SIZE, SLOT_VELOCITY, TARGET_SIZE, V
+from rl.guidance.geometry import COURSE_RATE, ERRORS_SIZE, SLOT_VELOCITY, TARGET_SIZE, V
 from taichi_sim.kernels import runtime
 from taichi_sim.vehicle import Limits
 
@@ -34,7 +34,7 @@ def scene(obstacles=(), mates=(), *, rate: float = 0.0, own: tuple[float, float]
         for k, place in enumerate(mates):
             far = math.hypot(*place)
             near[0, i, k] = torch.tensor([far, *(x / far for x in place), 0.0, SPEED, 0.0], dtype=dtype)
-    table, derived = torch.zeros((1, 2, SIZE), dtype=dtype), torch.zeros((1, 2, 14), dtype=dtype)
+    table, derived = torch.zeros((1, 2, ERRORS_SIZE), dtype=dtype), torch.zeros((1, 2, 14), dtype=dtype)
     table[..., SLOT_VELOCITY] = SPEED
     derived[..., V], derived[..., V + 1] = own
     target = torch.zeros((1, 1, TARGET_SIZE), dtype=dtype)

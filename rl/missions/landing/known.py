@@ -65,9 +65,8 @@ class KnownDeck:
         dt, w = interval, SWING**2
         self.mean, self._own = like[..., :3] * 0.0, like[..., :3] * 0.0  # of the deck; own, a decision ago; m/s
         self._level = like.new_tensor((1.0, 1.0, 0.0))
-        self._step = like.new_tensor(
-            ((1.0, dt - w * dt**3 / 6, dt * dt / 2), (0.0, 1.0 - w * dt * dt / 2, dt), (0.0, -w * dt, 1.0))
-        )
+        step = ((1.0, dt - w * dt**3 / 6, dt * dt / 2), (0.0, 1.0 - w * dt * dt / 2, dt), (0.0, -w * dt, 1.0))
+        self._step = like.new_tensor(step).expand(*like.shape[:2], 3, 3)  # one each: else rounding depends on how many
         jerk = JERK * like.new_tensor((dt**3 / 6, dt * dt / 2, dt))
         self._noise = torch.outer(jerk, jerk)
         self._noise[0, 0] += (OWN_NOISE * dt) ** 2
@@ -91,7 +90,7 @@ class KnownDeck:
         mean = self.mean
         x = self._step @ torch.stack((self.to, self.velocity - mean, self.acceleration), dim=-2)
         x[..., 0, :] += dt * (mean - 0.5 * (self._own + own.velocity_n))
-        P = self._step @ self._covariance @ self._step.T + self._noise
+        P = self._step @ self._covariance @ self._step.mT + self._noise
         # by radio
         new, blind = age < self.heard + 0.5 * dt, self.seen > BLIND
         zero, one = torch.zeros_like(age), torch.ones_like(age)
