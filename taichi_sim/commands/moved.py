@@ -109,7 +109,7 @@ MOVED = {
     "taichi_sim.recording.vessel": "taichi_sim.recording.bodies",
     "taichi_sim.recording.ros.motion": "taichi_sim.recording.ros.messages",
     "taichi_sim.recording.ros.geodesy": "taichi_sim.recording.frames",
-    "taichi_sim.sitl.packets": "taichi_sim.sitl.ardupilot (Sensors and Servos: taichi_sim.sitl.craft)",
+    "taichi_sim.sitl.packets": "taichi_sim.sitl.ardupilot (Sensors, Servos and Counts: taichi_sim.sitl.craft)",
     "taichi_sim.sitl.session": "taichi_sim.sitl.ardupilot",
     "taichi_sim.hydro.far_field": "taichi_sim.hydro.problem",
 }

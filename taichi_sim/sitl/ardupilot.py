@@ -14,15 +14,13 @@ import json
 import math
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from ipaddress import ip_address
 
-from taichi_sim.sitl.craft import Craft, Sensors, Servos
+from taichi_sim.sitl.craft import Counts, Craft, Sensors, Servos
 
 MAGIC = {18458: 16, 29569: 32}  # magic -> servo channels
 RATES = (1, 10000)  # lowest and highest frame rate, Hz
 LONGEST_GAP = 2.0  # s; after a longer gap the lost frames are skipped
-MOST_REASONS = 16  # largest number of reasons that are counted separately
 Address = tuple[str, int]
 
 
@@ -73,30 +71,6 @@ def encode(sensors: Sensors) -> bytes:
     if sensors.wind_direction is not None and sensors.wind_speed is not None:
         data["windvane"] = {"direction": sensors.wind_direction, "speed": sensors.wind_speed}
     return b"\n" + json.dumps(data, separators=(",", ":")).encode() + b"\n"
-
-
-@dataclass
-class Counts:
-    """Numbers of frames, packets and messages, by kind."""
-
-    frames: int = 0  # new frames
-    repeated: int = 0
-    lost: int = 0  # frames that never arrived
-    late: int = 0  # of an older frame, or repeated controls
-    waiting: int = 0  # frames before the first controls of PX4
-    resent: int = 0  # frames that were sent to PX4 again
-    restarts: int = 0
-    refused: dict[str, int] = field(default_factory=dict)  # reason -> number
-
-    def refuse(self, why: str) -> None:
-        """Count what was refused, by its reason."""
-        if why in self.refused or len(self.refused) < MOST_REASONS:
-            self.refused[why] = self.refused.get(why, 0) + 1
-
-    @property
-    def refusals(self) -> str:
-        """What was refused, as the end of a line."""
-        return "".join(f"; refused {n}: {why}" for why, n in self.refused.items())
 
 
 class Session:

@@ -1,4 +1,4 @@
-"""A vehicle that an autopilot steps frame by frame: it begins, advances and measures.
+"""A vehicle that an autopilot steps frame by frame: it begins, advances and measures; what passes between the two.
 
 A vessel begins afloat, at rest. A multirotor stands at its place until its rotors lift it, because decks are the only
 ground here. A fixed-wing aircraft is held at its place, level, until its throttle opens; from there it flies at its
@@ -7,6 +7,7 @@ cruising airspeed.
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,7 @@ MOST_SUBSTEPS = 256
 WARM_UP = 5  # frames
 HELD_HEIGHT = 50.0  # m, height at which aircraft are held; they report their position from there
 OPEN = 0.6  # throttle at which a held aircraft is released
+MOST_REASONS = 16  # largest number of reasons of refusals that are counted separately
 
 
 class Servos(NamedTuple):
@@ -49,6 +51,30 @@ class Sensors(NamedTuple):
     airspeed: float | None = None  # m/s
     wind_direction: float | None = None  # direction that the apparent wind blows from, clockwise from the bow, rad
     wind_speed: float | None = None  # apparent wind, m/s
+
+
+@dataclass
+class Counts:
+    """Numbers of frames, packets and messages, by kind."""
+
+    frames: int = 0  # new frames
+    repeated: int = 0
+    lost: int = 0  # frames that never arrived
+    late: int = 0  # of an older frame, or repeated controls
+    waiting: int = 0  # frames before the first controls of PX4
+    resent: int = 0  # frames that were sent to PX4 again
+    restarts: int = 0
+    refused: dict[str, int] = field(default_factory=dict)  # reason -> number
+
+    def refuse(self, why: str) -> None:
+        """Count what was refused, by its reason."""
+        if why in self.refused or len(self.refused) < MOST_REASONS:
+            self.refused[why] = self.refused.get(why, 0) + 1
+
+    @property
+    def refusals(self) -> str:
+        """What was refused, as the end of a line."""
+        return "".join(f"; refused {n}: {why}" for why, n in self.refused.items())
 
 
 class Craft:

@@ -26,8 +26,7 @@ from taichi_sim.config.base import MissingExtraError
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.kernels.rotation import numpy_rotation_matrix
 from taichi_sim.recording.frames import FJORD, geodetic
-from taichi_sim.sitl.ardupilot import Counts
-from taichi_sim.sitl.craft import HELD_HEIGHT, Craft, Sensors, Servos
+from taichi_sim.sitl.craft import HELD_HEIGHT, Counts, Craft, Sensors, Servos
 
 PORT = 4560  # of PX4's first instance; the next ones follow
 RATE = 250  # frames per second, those of PX4's inertial sensors

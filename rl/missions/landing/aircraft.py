@@ -205,8 +205,8 @@ class Aircraft(Team):
         away = torch.hypot(known.to[..., :2].norm(dim=-1), self.known_height)
         share = (away / c.reach).clamp(FINEST, 1.0).unsqueeze(-1)
         correction = share * action.clamp(-1.0, 1.0) + 0.0 * action  # what is not finite stays so
-        climb = self.wanted[..., DOWN].clamp(max=0.0) * (away > c.reach)
-        wanted = torch.cat((self.wanted[..., :DOWN], (self.wanted[..., DOWN] - climb).unsqueeze(-1)), dim=-1)
+        wanted, far = self.wanted.clone(), away > c.reach
+        wanted[..., DOWN] = torch.where(far, wanted[..., DOWN].clamp(min=0.0), wanted[..., DOWN])
         velocity = corrected(wanted, correction, known.heading, c.level, c.vertical)
         return self.flown(self.pilot.limited(self, velocity, self.pilot.config.approach + c.level))
 

@@ -14,9 +14,8 @@ import torch
 from torch import Tensor
 
 from rl.guidance.controllers import CONTROLLERS
-from rl.guidance.controllers.vessel import CourseCommand as Way
-from rl.guidance.geometry import TARGET_SIZE as TARGET
-from rl.guidance.geometry import Target, wrap
+from rl.guidance.controllers.vessel import CourseCommand
+from rl.guidance.geometry import TARGET_SIZE, Target, wrap
 from rl.guidance.observations import squashed
 from rl.mission import ControllerError
 from rl.missions.landing.deck import DeckMotion, deck_motion, into_level
@@ -72,7 +71,7 @@ class Boats(Team):
         self.mean, self.acceleration, self._before = (state.new_zeros((*shape, 3)) for _ in range(3))
         self._squares = state.new_zeros((*shape, 3))  # of vertical speed, roll, pitch, averaged over REMEMBERED
         self.served = torch.zeros(shape, dtype=torch.bool, device=state.device)
-        table = state.new_zeros((shape[0], 1, TARGET))
+        table = state.new_zeros((shape[0], 1, TARGET_SIZE))
         self._view = SimpleNamespace(fleet=self.own, target=Target(table, state[:, 0, :3]))
         self.deck: DeckMotion = deck_motion(self.fleet, self.centre)
         self.seen: DeckMotion = deck_motion(self.own, self.centre)
@@ -116,7 +115,7 @@ class Boats(Team):
         if self.helm is None:
             return torch.zeros_like(self.fleet.action)
         wanted = speed.unsqueeze(-1) * torch.stack((self.steered.cos(), self.steered.sin()), dim=-1)
-        return self.helm.act(self._view, Way(wanted, torch.zeros_like(wanted)))
+        return self.helm.act(self._view, CourseCommand(wanted, torch.zeros_like(wanted)))
 
     def held(self) -> Tensor:
         """The vessels' actions that hold the ordered course and speed."""

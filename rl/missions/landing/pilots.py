@@ -24,6 +24,7 @@ from torch import Tensor
 
 from rl.missions.landing.config import PilotConfig
 from rl.missions.landing.deck import out_of_level
+from rl.missions.landing.known import BLIND
 from taichi_sim.conventions import BELOW, DOWN, GRAVITY
 from taichi_sim.forecast import Autoregression
 
@@ -39,7 +40,7 @@ UPRIGHT = math.sin(math.radians(12.0))  # lean into the wind up to which it appr
 EASED, LEAST = math.sin(math.radians(22.0)), 0.2  # lean from which this share of the speed is left; assumed
 SINK, STEEP = 0.35, 1.0  # m/s, and 1/s times the height: the fastest that a policy sinks over the deck; assumed
 OVER, ABOVE = 0.2, 0.5  # m from the deck's middle where a policy may touch; height that it keeps beside it; assumed
-BLIND, HIGH = 1.0, 2.5  # s without a look at the marker, after which a policy stays this high (m); assumed
+HIGH = 2.5  # m above the deck, where a policy stays that has not seen the marker for BLIND; assumed
 
 
 class Pilot:
