@@ -4,11 +4,16 @@ A desired velocity v* that passes everything sensed with room to spare is kept. 
 They are turned from v* by up to `FAN` to either side, and slowed down (velocity obstacles, Fiorini & Shiller 1998, Int.
 J. Robotics Research 17(7), sampled). With v the present velocity, the v' of least cost is taken:
 
-    J = |v' - v*| / |v*| + lean |v' - v| / |v*| + slowing (1 - |v'| / |v*|) + the risks of all bodies.
+    J = |v' - v*| / |v*| + lean |v' - v| / |v*| + slowing (1 - |v'| / |v*|) + turning (1 - cos a)
+        + the risks of all bodies,
 
-Without the third term a vehicle that comes up from behind would stay there, slowly, instead of passing. A vehicle
-whose slot surrounds a target, itself an obstacle, also tries shares of its closing velocity: at full speed the risks
-say that it cannot stop in time. It then evades at its own speed, not the slot's, which may be far away and differ.
+where a is the angle between v' and the heading. Without the third term a vehicle that comes up from behind would stay
+there, slowly, instead of passing. Without the fourth a vessel in waves keeps changing the side on which it passes: its
+velocity swings with the waves, its heading does not.
+
+A vehicle whose slot surrounds a target, itself an obstacle, also tries shares of its closing velocity: at full speed
+the risks say that it cannot stop in time. It then evades at its own speed, not the slot's, which may be far away and
+differ.
 
 A vehicle changes its velocity with an acceleration a, in T = |v' - v| / a. It is then where it would be if it had begun
 (v - v') T / 2 further on (acceleration-velocity obstacles, van den Berg, Snape, Guy & Manocha 2011, ICRA). The risk of
@@ -44,6 +49,7 @@ from taichi_sim.conventions import EAST, NORTH
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.packs import struct_of, values_at
+from taichi_sim.kernels.rotation import HEADING_COS
 from taichi_sim.kernels.runtime import array1, array3, array4
 from taichi_sim.vehicle import Vehicle
 
@@ -76,6 +82,7 @@ class AvoidanceGains(Strict):
     hard: Positive = 20.0
     lean: Positive = 0.2
     slowing: NonNegative = 0.6
+    turning: NonNegative = 0.0
     parting: NonNegative = 0.0  # s from now at which a gap to a team mate inside the margin counts too; 0: at the least
 
 
@@ -190,6 +197,12 @@ def risks(v, now, around: ti.template(), e, i, enough, g: ti.template(), form: t
 
 
 @ti.func
+def off_heading(v, heading):
+    """1 - cosine of the angle between v and the unit vector `heading`."""
+    return 1.0 - v.dot(heading) / ti.max(v.norm(), SLOWEST)
+
+
+@ti.func
 def apart(a, b):
     """|a - b|."""
     return (a - b).norm()
@@ -208,7 +221,8 @@ def _avoid(velocity: array3, around: AroundPack, kind: ti.template(), form: ti.t
         if least > 0:
             share, best = ti.min(ti.max(slot.norm(), SLOWEST) / speed, 1.0), direct
             straight = ti.Vector([share * direct[0], share * direct[1]])
-            least += g.lean * apart(direct, now) / speed
+            heading = taken(around.derived, e, i, HEADING_COS, 2)
+            least += g.lean * apart(direct, now) / speed + g.turning * off_heading(direct, heading)
             stay = least * 0.0  # the cost of not closing at all
             if ti.static(len(form.chases) > 0):
                 stay = CALM * apart(direct, slot) / speed
@@ -231,7 +245,8 @@ def _avoid(velocity: array3, around: AroundPack, kind: ti.template(), form: ti.t
                 along = ti.Vector([c * straight[0] - s * straight[1], s * straight[0] + c * straight[1]])
                 for p in range(ti.static(len(form.paces))):
                     v = paces[p] * along
-                    cost = (apart(v, straight) + g.lean * apart(v, now)) / speed + g.slowing * (1.0 - paces[p])
+                    cost = (apart(v, straight) + g.lean * apart(v, now)) / speed
+                    cost += g.slowing * (1.0 - paces[p]) + g.turning * off_heading(v, heading)
                     if cost < least:
                         cost += risks(v, now, around, e, i, least - cost, g, form)
                         if cost < least:
