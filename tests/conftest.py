@@ -1,7 +1,7 @@
 """Fixtures shared by all tests, and their order: what Taichi has compiled serves as many tests as possible.
 
 Taichi compiles a kernel anew after every change of precision or threads, and in every worker. So a worker takes all
-tests of a file in one precision (--dist loadgroup), double first, and changes once.
+tests of one precision from files whose names begin alike (--dist loadgroup), double first, and changes once.
 """
 
 import os
@@ -30,7 +30,8 @@ def _precision_of(item: pytest.Item) -> runtime.Precision:
 def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: _precision_of(item) == "f32")
     for item in items:
-        item.add_marker(pytest.mark.xdist_group(f"{item.path.stem}-{_precision_of(item)}"))
+        subject = item.path.stem.split("_")[1]
+        item.add_marker(pytest.mark.xdist_group(f"{subject}-{_precision_of(item)}"))
 
 
 @pytest.hookimpl(tryfirst=True)
