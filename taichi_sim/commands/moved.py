@@ -73,6 +73,7 @@ MOVED = {
     "rl.missions.formation.flyable": "rl.missions.formation.worlds",
     "rl.missions.formation.team": "rl.missions.formation.mission",
     "taichi_sim.plotting.style": "taichi_sim.plotting",
+    "taichi_sim.usv.hull.allocation": "taichi_sim.usv.hull.thruster_set",
     "taichi_sim.usv.hull.shapes": "taichi_sim.usv.hull.mesh",
     "taichi_sim.usv.hull.gauge": "taichi_sim.usv.hull.geometry",
     "taichi_sim.usv.hull.wave_lines": "taichi_sim.usv.hull.geometry",

@@ -11,7 +11,7 @@ import torch
 
 from taichi_sim.bench import pack_state
 from taichi_sim.config import ConfigError
-from taichi_sim.usv.hull.allocation import components, pseudo_inverse, reach
+from taichi_sim.usv.hull.thruster_set import components, pseudo_inverse, reach
 from taichi_sim.vehicles import load_vehicle
 
 pytestmark = pytest.mark.usefixtures("f64")

@@ -16,7 +16,7 @@ A hull is composed of parts. Each is a module of functions that kernels inline, 
     water.py                      mean surface plane, orbital motion, current        HullGeometry.gauge
     pressure.py                   hydrostatic and Froude-Krylov load                 Pressure
     radiation.py, memory.py, diffraction.py    radiation and diffraction             Radiation
-    thruster_set.py, thrusters.py, allocation.py    from action to thrust            ThrusterSet
+    thruster_set.py               from action to thrust                              ThrusterSet
     mmg_drive.py                  instead: propellers and rudders, polynomial        MmgDrive
     loads.py                      weight, linear restoring, damping, cross-flow, wind
     motion.py                     columns of the auxiliary state, equations of motion, integrators, start on the waves
@@ -90,7 +90,7 @@ class Hull6Dof(Vessel):
       moment to either side by differential thrust. The latter changes the surge force if a propeller is at its limit.
     - "left_right", for two propellers: shaft speed of each, from n_min to n_max.
     - "wrench" (surge, sway, yaw): force and moment as shares of the largest of each alone, distributed to the thrusters
-      (allocation.py). A wrench beyond their limits is reduced to the largest one in the same direction.
+      (thruster_set.py). A wrench beyond their limits is reduced to the largest one in the same direction.
     - "units": speed of each thruster, from n_min to n_max, then the angle of each azimuth thruster, over its range.
     - "propeller_rudder", with [mmg]: revolutions of each propeller, from -n_astern to n_ahead, and rudder angle, to
       port and to starboard.

@@ -12,7 +12,6 @@ from taichi_sim.config import Finite, NonNegative, Positive, Strict
 from taichi_sim.contact.parts import Deck
 from taichi_sim.conventions import GRAVITY, RHO_SEA
 from taichi_sim.kernels.rigid_body import changed_mass, constant, rigid_body_mass
-from taichi_sim.usv.hull.allocation import reaches_round
 from taichi_sim.usv.hull.mesh import HullShape
 from taichi_sim.usv.hull.thrusters import MOST_THRUSTERS, NamedThruster, PropellerPair, Thruster, Vector3
 from taichi_sim.usv.mmg_params import MmgSection
@@ -174,7 +173,7 @@ class Hull6DofParams(Strict):
                 'actions = "wrench" (surge, sway, yaw) or "units" (each thruster)'
             )
         for thruster in self.all_thrusters:
-            if self.actions == "wrench" and thruster.azimuth and not reaches_round(thruster):
+            if self.actions == "wrench" and thruster.azimuth and not thruster.reaches_round:
                 raise ValueError(
                     f'actions = "wrench" needs an actuators.{thruster.name} that pushes every way: a range_deg of 180 '
                     'degrees or more and a thrust_min below 0, or no range_deg; or write actions = "units"'

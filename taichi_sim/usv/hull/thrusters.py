@@ -1,4 +1,4 @@
-"""One thruster: its parameters in vehicle files and in kernels, and its thrust.
+"""Thrusters as vehicle files describe them, and as kernels use them (thruster_set.py).
 
     [thrusters]        two equal propellers that push along the hull, one to port and one to starboard [actuators.NAME]
     up to eight thrusters, each by itself: a propeller (direction_deg = 0), a tunnel thruster (90), or
@@ -6,16 +6,11 @@
 
 In both cases the thrust is T = k |n| n at the speed n (Fossen 2021, sec. 9.1), with one k ahead and one astern. Losses
 due to inflow, to the wake of another thruster, along the hull (Coanda) and to ventilation in waves are not modelled.
-thruster_set.py has the response of thrusters to commands, and their loads on the hull.
 """
-
-# Kernels are another language inside Python syntax.
-# pyright: reportInvalidTypeForm=false
 
 from typing import Annotated, NamedTuple
 
 import numpy as np
-import taichi as ti
 from pydantic import Field, model_validator
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
@@ -48,6 +43,13 @@ class Thruster(NamedTuple):
     def all_round(self) -> bool:
         """Whether it turns without a limit."""
         return self.azimuth and self.turns is None
+
+    @property
+    def reaches_round(self) -> bool:
+        """Whether an azimuth thruster can push in every direction: it turns all round, or half round with thrust both
+        ways.
+        """
+        return self.turns is None or (self.thrust_min < 0 and self.turns[1] - self.turns[0] >= np.pi - 1e-9)
 
     @property
     def span(self) -> tuple[float, float]:
@@ -176,19 +178,3 @@ class NamedThruster(Strict):
             float(np.deg2rad(self.turn_rate_deg)),
             self.range_deg and (float(np.deg2rad(self.range_deg[0])), float(np.deg2rad(self.range_deg[1]))),
         )
-
-
-@ti.func
-def thrust(t: ti.template(), n):
-    """Thrust (N) of a Thruster with gain 1 at the speed n (rad/s), limited to its range."""
-    n = ti.max(ti.min(n, t.n_max), t.n_min)
-    k = ti.select(n > 0, t.k_positive, t.k_negative)
-    return k * ti.abs(n) * n
-
-
-@ti.func
-def shaft_speed(t: ti.template(), force):
-    """Speed (rad/s) that gives the thrust `force` (N)."""
-    k = ti.select(force > 0, t.k_positive, t.k_negative)
-    n = ti.sqrt(ti.abs(force) / k)
-    return ti.select(force > 0, n, -n)
