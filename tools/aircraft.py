@@ -29,9 +29,8 @@ from taichi_sim.config.io import config_folder, read_toml, validate
 from taichi_sim.kernels import runtime
 from taichi_sim.trials import rotorcraft
 from taichi_sim.uav.fixed_wing.equations import FlightEnvelope, flight_envelope
-from taichi_sim.uav.fixed_wing.modes import largest_stable_dt, linear_modes
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
-from taichi_sim.uav.fixed_wing.trim import TrimError, trim
+from taichi_sim.uav.fixed_wing.trim import TrimError, largest_stable_dt, linear_modes, trim
 from taichi_sim.uav.multirotor.params import MultirotorParams
 
 MODEL = "fixed_wing_6dof"

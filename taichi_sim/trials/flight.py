@@ -11,11 +11,10 @@ import numpy as np
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.trials.figures import Curve, Outcome, Panel, TrialError
 from taichi_sim.uav.fixed_wing.equations import flight_envelope
-from taichi_sim.uav.fixed_wing.modes import linear_modes
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
-from taichi_sim.uav.fixed_wing.trim import Trim, TrimError, trim
+from taichi_sim.uav.fixed_wing.trim import Trim, TrimError, linear_modes, trim
 from taichi_sim.uav.multirotor import trim as hovering
-from taichi_sim.uav.multirotor.allocation import allocation
+from taichi_sim.uav.multirotor.controller import allocation
 from taichi_sim.uav.multirotor.equations import induced_velocity, shaft_power
 from taichi_sim.uav.multirotor.params import MultirotorParams
 

@@ -21,9 +21,8 @@ import torch
 from torch import Tensor
 
 from taichi_sim.air import Wind
-from taichi_sim.air.gusts import Gust, gust_velocity
 from taichi_sim.air.turbulence import dryden_advance, dryden_filter, dryden_output, dryden_sigma, gust_n
-from taichi_sim.air.wind import Profile, mean_wind_factor, wind_factor
+from taichi_sim.air.wind import Gust, Profile, gust_velocity, mean_wind_factor, wind_factor
 from taichi_sim.config import AirConfig
 from taichi_sim.conventions import DOWN
 from taichi_sim.kernels.abreast import cast, taken1

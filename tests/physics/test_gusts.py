@@ -3,7 +3,7 @@ import pytest
 import taichi as ti
 import torch
 
-from taichi_sim.air.gusts import Gust, gust_velocity
+from taichi_sim.air.wind import Gust, gust_velocity
 from taichi_sim.config import ConfigError, GustConfig
 from taichi_sim.config.io import validate
 from taichi_sim.kernels import runtime

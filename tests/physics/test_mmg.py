@@ -11,7 +11,7 @@ import torch
 
 from taichi_sim.bench import pack_state
 from taichi_sim.config import AirConfig, ConfigError
-from taichi_sim.usv.mmg_loads import DERIVATIVES
+from taichi_sim.usv.mmg import DERIVATIVES
 
 pytestmark = pytest.mark.usefixtures("f64")
 NAME, DT = "kvlcc2", 0.05

@@ -10,7 +10,7 @@ import torch
 from taichi_sim.bench import Bench
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.uav.multirotor.allocation import allocate, allocation, effectiveness
+from taichi_sim.uav.multirotor.controller import allocate, allocation, effectiveness
 from taichi_sim.vehicles import load_vehicle
 
 pytestmark = pytest.mark.usefixtures("f64")

@@ -108,7 +108,7 @@ def test_trims_in_wind(reference):
 @pytest.mark.usefixtures("f64")
 def test_hover_and_its_linear_model(reference):
     """Rotor speed, induced velocity; decay, accelerations of a mix of rotors, unstable pair of variant B."""
-    from taichi_sim.uav.multirotor.modes import linear_modes
+    from taichi_sim.uav.multirotor.trim import linear_modes
 
     given = json.loads((reference / "multirotor" / "closed_forms_x500.json").read_text())
     model = x500("B")

@@ -16,9 +16,8 @@ from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNI
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.uav.fixed_wing.equations import loads
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
-from taichi_sim.uav.fixed_wing.modes import linear_modes
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
-from taichi_sim.uav.fixed_wing.trim import Trim, trim
+from taichi_sim.uav.fixed_wing.trim import Trim, linear_modes, trim
 from tests.validation.aerosonde_numbers import parameters
 from tests.validation.case import Case
 from tests.validation.inputs import check_air, check_start, check_way, wind_of

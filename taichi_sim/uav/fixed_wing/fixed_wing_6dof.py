@@ -35,10 +35,9 @@ from taichi_sim.uav.fixed_wing.airframe import aerodynamic_force, air_data, rk4,
 from taichi_sim.uav.fixed_wing.autopilot import ACTION_NAMES, AutopilotParams
 from taichi_sim.uav.fixed_wing.equations import derivatives, stall_angles
 from taichi_sim.uav.fixed_wing.gains import gains, limits
-from taichi_sim.uav.fixed_wing.modes import largest_stable_dt
 from taichi_sim.uav.fixed_wing.params import VARYING, FixedWingNumbers, FixedWingParams, aircraft_numbers
 from taichi_sim.uav.fixed_wing.propeller import propeller_power
-from taichi_sim.uav.fixed_wing.trim import air_readings, trim, trimmed
+from taichi_sim.uav.fixed_wing.trim import air_readings, largest_stable_dt, trim, trimmed
 from taichi_sim.vehicle import Limits, Number
 
 AUX = (

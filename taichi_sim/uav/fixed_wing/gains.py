@@ -25,9 +25,8 @@ from taichi_sim.config import ConfigError
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.uav.fixed_wing.autopilot import AutopilotGains, AutopilotLimits, AutopilotParams
 from taichi_sim.uav.fixed_wing.equations import lift_curve, stall_angles
-from taichi_sim.uav.fixed_wing.modes import linear_modes
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
-from taichi_sim.uav.fixed_wing.trim import Trim, TrimError, trim
+from taichi_sim.uav.fixed_wing.trim import Trim, TrimError, linear_modes, trim
 
 ZETA = 0.8  # damping of every loop but roll rate: overshoot of 1.5 %
 PITCH_SEPARATION = 4.0  # frequency of the short period over the crossover of the pitch loop

@@ -16,7 +16,7 @@ from taichi_sim.kernels.abreast import taken2
 from taichi_sim.kernels.rotation import attitude_of, velocity_of
 from taichi_sim.kernels.runtime import array2
 from taichi_sim.uav.multirotor import airframe, ground, rotors
-from taichi_sim.uav.multirotor.allocation import allocation
+from taichi_sim.uav.multirotor.controller import allocation
 from taichi_sim.uav.multirotor.params import MultirotorParams, nominal_numbers
 
 

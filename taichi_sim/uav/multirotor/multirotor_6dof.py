@@ -39,14 +39,11 @@ from taichi_sim.uav.fixed_wing.airframe import atan2, with_velocity
 from taichi_sim.uav.multirotor import controller, ground, landing, rotors
 from taichi_sim.uav.multirotor import instruments as at
 from taichi_sim.uav.multirotor.airframe import ground_ratios, rk4
-from taichi_sim.uav.multirotor.allocation import allocation
 from taichi_sim.uav.multirotor.body import body_surface
-from taichi_sim.uav.multirotor.controller import RATE_ACTIONS, VELOCITY_ACTIONS, bandwidths, demands, gains, lag, lead
 from taichi_sim.uav.multirotor.equations import derivatives, induced_velocity
-from taichi_sim.uav.multirotor.modes import largest_stable_dt
 from taichi_sim.uav.multirotor.params import MultirotorParams, multirotor_numbers, nominal_numbers, varying_keys
 from taichi_sim.uav.multirotor.params import gains as rotor_gains
-from taichi_sim.uav.multirotor.trim import show, trim, trimmed
+from taichi_sim.uav.multirotor.trim import largest_stable_dt, show, trim, trimmed
 from taichi_sim.vehicle import Limits, Number, Vehicle
 
 if TYPE_CHECKING:
@@ -95,17 +92,17 @@ class Multirotor6DOF(Vehicle):
         self.interval = dt * substeps
         self.over_decks = ground.DECK if params.ground_effect else ground.NOTHING
         self.sole_numbers = SOLE_SIZE * len(params.legs.points) if params.legs else 0
-        self.allocation = allocation(plan)
+        self.allocation = controller.allocation(plan)
         self.actions = plan.control.actions
-        self.demands = demands(plan, self.allocation)
-        self.gains = gains(plan, dt)
-        self.bandwidths = bandwidths(self.gains, lag(plan, dt), lead(plan, self.allocation))
+        self.demands = controller.demands(plan, self.allocation)
+        self.gains = controller.gains(plan, dt)
+        lag, lead = controller.lag(plan, dt), controller.lead(plan, self.allocation)
+        self.bandwidths = controller.bandwidths(self.gains, lag, lead)
         self.board = nominal_numbers(plan)
         self.count, self.battery = len(params.rotors), params.battery is not None
         self.control_names = at.rotor_names(plan)
-        self.action_names = {"rotors": self.control_names, "rates": RATE_ACTIONS, "velocity": VELOCITY_ACTIONS}[
-            self.actions
-        ]
+        actions = {"rates": controller.RATE_ACTIONS, "velocity": controller.VELOCITY_ACTIONS}
+        self.action_names = actions.get(self.actions, self.control_names)
         self.aux_names = at.aux_names(plan)
         self.aux_size = len(self.aux_names)
         self.varying = varying_keys(plan)

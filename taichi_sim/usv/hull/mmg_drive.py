@@ -1,6 +1,6 @@
 """Propellers and rudders of the MMG method on a hull in six degrees of freedom, and its manoeuvring polynomial.
 
-The forces are those of mmg_loads.py (Yasukawa & Yoshimura 2015, J. Mar. Sci. Technol. 20, 37-52) for the velocity
+The forces are those of usv/mmg.py (Yasukawa & Yoshimura 2015, J. Mar. Sci. Technol. 20, 37-52) for the velocity
 [u v r] of CO relative to the water. Each has a point of attack (x, y, z), so that a rudder heels the ship:
 
     K = -z Y,   M = z X,   N as in the plane, less y X.
@@ -31,7 +31,7 @@ from taichi_sim.fleet import Fleet
 from taichi_sim.usv.hull.thruster_set import Arrow
 from taichi_sim.usv.hull.thruster_set import controls_at as controls_at
 from taichi_sim.usv.hull.thrusters import Thruster
-from taichi_sim.usv.mmg_loads import followed, hull_load, rudder_load, thrust
+from taichi_sim.usv.mmg import followed, hull_load, rudder_load, thrust
 from taichi_sim.usv.mmg_params import MmgSection
 
 

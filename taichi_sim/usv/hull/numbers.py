@@ -17,7 +17,7 @@ from taichi_sim.conventions import GRAVITY
 from taichi_sim.kernels.rigid_body import changed_mass
 from taichi_sim.usv.hull.params import Hull6DofParams
 from taichi_sim.usv.hull.radiation import Radiation
-from taichi_sim.usv.mmg_loads import DERIVATIVES, OF_PARTS, part_numbers, polynomial_numbers
+from taichi_sim.usv.mmg import DERIVATIVES, OF_PARTS, part_numbers, polynomial_numbers
 from taichi_sim.usv.vessel import RHO_AIR, Number
 from taichi_sim.vehicle import left_of
 
@@ -73,7 +73,7 @@ def mmg_keys(p: Hull6DofParams) -> tuple[str, ...]:
 
 
 def mmg_numbers(p: Hull6DofParams, dt: float, values: Mapping[str, Number]) -> dict[str, Number]:
-    """Numbers of one propeller, one rudder and the polynomial (mmg_loads.py), by field."""
+    """Numbers of one propeller, one rudder and the polynomial (usv/mmg.py), by field."""
     m = p.mmg
     if m is None:
         return {}
