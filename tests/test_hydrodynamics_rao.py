@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from taichi_sim.usv.hull.diffraction import cubic
+from taichi_sim.usv.hull.radiation import cubic
 from taichi_sim.vehicles import load_vehicle
 from tests.validation.regular import motions
 from tests.validation.remembering import NO_DAMPING, slowest_decay

@@ -1,4 +1,4 @@
-"""What hulls throw back between the courses of its table (taichi_sim/usv/hull/diffraction.py)."""
+"""What hulls throw back between the courses of its table (taichi_sim/usv/hull/radiation.py)."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.hull.database import HydroDatabase
-from taichi_sim.usv.hull.diffraction import Diffraction
+from taichi_sim.usv.hull.radiation import Diffraction
 from taichi_sim.vehicles import load_vehicle
 
 pytestmark = pytest.mark.usefixtures("f64")

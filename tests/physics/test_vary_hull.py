@@ -10,7 +10,7 @@ import torch
 
 from taichi_sim.config import AirConfig, SeaConfig
 from taichi_sim.sea import Sea
-from taichi_sim.usv.hull.numbers import ADDED_MASS, AREAS, CG, DECK_FRICTION, GAINS, LAG, LINEAR, MASS, QUADRATIC
+from taichi_sim.usv.hull.params import ADDED_MASS, AREAS, CG, DECK_FRICTION, GAINS, LAG, LINEAR, MASS, QUADRATIC
 from taichi_sim.vehicles import load_vehicle
 
 pytestmark = pytest.mark.usefixtures("f64")

@@ -18,7 +18,7 @@ import torch
 from taichi_sim.bench import Bench, pack_state
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import torch_rotation_matrix
-from taichi_sim.usv.hull import loads
+from taichi_sim.usv.hull import motion as hull_motion
 from taichi_sim.usv.hull.motion import CONTROLS
 from taichi_sim.usv.hull.params import Hull6DofParams
 from tests.validation.case import Case
@@ -202,7 +202,7 @@ def _cross_flow_kernel():
     @ti.kernel
     def kernel(h: ti.template(), motion: ti.types.ndarray(ndim=2), out: ti.types.ndarray(ndim=2)):
         for i in range(motion.shape[0]):
-            YN = loads.cross_flow(h, motion[i, 0], motion[i, 1])
+            YN = hull_motion.cross_flow(h, motion[i, 0], motion[i, 1])
             out[i, 0], out[i, 1] = YN[0], YN[1]
 
     return kernel

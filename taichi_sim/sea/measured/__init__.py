@@ -3,13 +3,11 @@
 files.py     opens the file of `sea.spectrum` and selects its records
 ndbc.py      reads text files of the US National Data Buoy Center
 gridded.py   reads all other formats with the library wavespectra
-record.py    one sea state: density, directions from their first moments, and statistics
-system.py    wave components of a record, with the same interface as those of a formula (sampling.py)
+record.py    one sea state: density, directions from their first moments, statistics; wave components drawn from it
 """
 
 from taichi_sim.sea.measured.files import SpectraFile, open_spectra, records_of
-from taichi_sim.sea.measured.record import WaveRecord
-from taichi_sim.sea.measured.system import MeasuredSystem, Realised, band_moments, realised
+from taichi_sim.sea.measured.record import MeasuredSystem, Realised, WaveRecord, band_moments, realised
 
 __all__ = [
     "MeasuredSystem", "Realised", "SpectraFile", "WaveRecord", "band_moments", "open_spectra", "realised", "records_of",

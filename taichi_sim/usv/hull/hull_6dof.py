@@ -15,12 +15,11 @@ A hull is composed of parts. Each is a module of functions that kernels inline, 
 
     water.py                      mean surface plane, orbital motion, current        HullGeometry.gauge
     pressure.py                   hydrostatic and Froude-Krylov load                 Pressure
-    radiation.py, memory.py, diffraction.py    radiation and diffraction             Radiation
+    radiation.py, memory.py       radiation and diffraction                          Radiation
     thruster_set.py               from action to thrust                              ThrusterSet
     mmg_drive.py                  instead: propellers and rudders, polynomial        MmgDrive
-    loads.py                      weight, linear restoring, damping, cross-flow, wind
-    motion.py                     columns of the auxiliary state, equations of motion, integrators, start on the waves
-    numbers.py                    `p`: the numbers that may differ between vehicles
+    motion.py                     other loads, auxiliary state, equations of motion, integrators, start on the waves
+    params.py                     `p`: the numbers that may differ between vehicles
 """
 
 # Kernels are another language inside Python syntax.
@@ -49,13 +48,12 @@ from taichi_sim.kernels.rigid_body import angular, linear
 from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix, store
 from taichi_sim.kernels.runtime import array2, array3, whole1
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.usv.hull import loads, mmg_drive, motion, pressure, thruster_set, water
+from taichi_sim.usv.hull import mmg_drive, motion, pressure, thruster_set, water
 from taichi_sim.usv.hull.geometry import HullGeometry, device_table
 from taichi_sim.usv.hull.hydrostatics import check_floats
 from taichi_sim.usv.hull.mmg_drive import MmgDrive
 from taichi_sim.usv.hull.motion import largest_stable_dt, linear_motion, runge_kutta_step, strang_step
-from taichi_sim.usv.hull.numbers import hull_numbers, symmetric, varying_keys, vector
-from taichi_sim.usv.hull.params import Hull6DofParams
+from taichi_sim.usv.hull.params import Hull6DofParams, hull_numbers, symmetric, varying_keys, vector
 from taichi_sim.usv.hull.pressure import Pressure
 from taichi_sim.usv.hull.radiation import radiation_of
 from taichi_sim.usv.hull.thruster_set import ThrusterSet
@@ -153,7 +151,7 @@ class Hull6Dof(Vessel):
     # -- numbers that vary -----------------------------------------------------------------------------------------
 
     def own(self, values: Mapping[str, Number]):
-        """Numbers that the kernel uses (numbers.py)."""
+        """Numbers that the kernel uses (params.py)."""
         return hull_numbers(self.params, self.radiation, self.dt, values)
 
     def with_numbers(self, values: Mapping[str, float]) -> Hull6DofParams:
@@ -372,10 +370,10 @@ class Hull6Dof(Vessel):
             change = ti.select(fresh, 0.0, 1.0) * (D_next - D)
             D = D_next
             plane = water.mean_plane(sums, R)
-            blown = loads.wind_load(self.params.windage.height, p, R, nu, air)
+            blown = motion.wind_load(self.params.windage.height, p, R, nu, air)
             if ti.static(self.by_panels):
                 up = pressure.load(self.pressure, build, around, tables, aux, e, i, tau, pos, R, L, J, plane)
-                up += loads.weight_load(p.weight, ti.static(vector(p, "cg", 3)), loads.down(R))
+                up += motion.weight_load(p.weight, ti.static(vector(p, "cg", 3)), motion.down(R))
                 now = self.drive.lagged(self.thrusters, p, controls, command, 0.5)
                 driven = self.drive.load(self.thrusters, p, now)
                 tau_D, rate_D, bend_D = self.radiation.diffraction_from(
@@ -398,7 +396,7 @@ class Hull6Dof(Vessel):
         for c in ti.static(range(13)):
             state[e, i, c] = y[c]
         nu_r = motion.through_water(self, nu, R, V_c, sums)
-        drag = linear(loads.damping_load(self.params.hydrodynamics, p, nu_r))
+        drag = linear(motion.damping_load(self.params.hydrodynamics, p, nu_r))
         motion.note(aux, e, i, D, change, nu_dot, linear(up), drag, linear(blown))
         self.drive.note(self.thrusters, p, aux, e, i, controls, nu_r)
         fleet.surface[e, i, ELEVATION] = plane[0]
@@ -426,14 +424,14 @@ class Hull6Dof(Vessel):
             V_c, air = ti.Vector([current[n, NORTH], current[n, EAST], 0.0]), taken2(wind_n, n, 3)
             calm = ti.Vector([y[0] * 0.0 for _ in range(water.SUMS)])
             p, height = ti.static(self.constants, self.params.windage.height)
-            tau = ti.Vector([load[n, c] for c in range(6)]) + loads.wind_load(height, p, R, nu, air)
+            tau = ti.Vector([load[n, c] for c in range(6)]) + motion.wind_load(height, p, R, nu, air)
             now = ti.Vector([controls[n, c] for c in ti.static(range(len(self.control_names)))])
             tau += self.drive.load(self.thrusters, p, now)
             if ti.static(self.by_panels):
                 tau += pressure.panel_load(self.pressure, tables, no_waves, n, 0, pos[2], R, linear(calm))
-                tau += loads.weight_load(p.weight, ti.static(vector(p, "cg", 3)), loads.down(R))
+                tau += motion.weight_load(p.weight, ti.static(vector(p, "cg", 3)), motion.down(R))
             else:
-                tau += loads.linear_load(self.params.linear, p, pos[2], R, calm)
+                tau += motion.linear_load(self.params.linear, p, pos[2], R, calm)
             dy = motion.derivative(self, p, y, R, tau, now, V_c, calm)
             for c in ti.static(range(13)):
                 out[n, c] = dy[c]

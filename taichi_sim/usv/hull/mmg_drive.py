@@ -9,10 +9,10 @@ The forces are those of usv/mmg.py (Yasukawa & Yoshimura 2015, J. Mar. Sci. Tech
   u (assumed). Two rudders turn together. A rudder stands behind its own propeller; where the numbers differ, it stands
   behind one propeller with the mean thrust.
 - The polynomial, where there is one, holds all loads of the hull in surge, sway and yaw, also the Munk moment. So the
-  moment -(Y_vdot - X_udot) u v of the added mass (loads.py, motion.py) is taken away.
+  moment -(Y_vdot - X_udot) u v of the added mass (motion.py) is taken away.
 
 Propeller and rudder follow their commands by lag and rate, as in usv/mmg.py. `p` holds the kernel's numbers
-(numbers.py). All loops over propellers and rudders are unrolled.
+(params.py). All loops over propellers and rudders are unrolled.
 """
 
 # Kernels are another language inside Python syntax.

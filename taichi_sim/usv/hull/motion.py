@@ -1,12 +1,32 @@
-"""Motion of a hull (hull_6dof.py): auxiliary state, equations, the two methods to integrate them, start on the waves.
+"""Motion of a hull (hull_6dof.py): loads, auxiliary state, equations, methods to integrate them, start on the waves.
 
     M nu_dot = M nu_c_dot + tau + radiation.orbital_load - C_rb (nu - nu_c) - C_a(nu_r) nu_r - D(nu_r) nu_r
+
+The loads here are those besides pressure, radiation and thrust, in N and N m, about CO, in b.
+
+Restoring: the weight m g acts at the centre of gravity. With `restoring = "linear"` there are no panels (pressure.py),
+and the load is
+
+    -G eta,   eta = (heave, roll, pitch) relative to the mean surface plane (water.py),
+
+with G of the source (Fossen 2021, sec. 4.2), plus the weight's component down the slope of that plane. It also has the
+payload's weight if the source adds it (PythonVehicleSimulator's otter).
+
+Damping, due to the velocity nu_r relative to the water:
+
+    X_i = -(d_i + d_ii |nu_r,i|) nu_r,i        diagonal, linear and quadratic (Fossen 2021, sec. 6.4)
+
+The cross-flow drag is an integral over strips of width dx at x along the hull,
+
+    Y = -1/2 rho T C_d sum |v + x r| (v + x r) dx,   N = -1/2 rho T C_d sum x |v + x r| (v + x r) dx,
+
+with Hoerner's (1965) section coefficient C_d (Faltinsen 1990; Fossen 2021, eqs. 6.91-6.92).
 
 Hulls on panels use a splitting method. A step drifts by half its time, evaluates waves and pressure once, changes the
 velocity by the midpoint rule, and drifts by half again. The velocity in the middle is predicted with nu_dot of the last
 step. The method is of second order and, apart from damping, symmetric in time (Strang 1968): still water creates no
 energy. Hulls with linear restoring use the classical fourth-order Runge-Kutta method. `hull` is the Hull6Dof, `p` holds
-the kernel's numbers (numbers.py), `sums` come from water.at.
+the kernel's numbers (params.py), `sums` come from water.at.
 
 The largest stable step follows from the eigenvalues of the linear motion about rest, of the state (heave, roll, pitch,
 nu): position and heading do not affect stability. Damping is the linear one, plus the quadratic one at top speed.
@@ -19,9 +39,9 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from taichi_sim.conventions import EAST, ELEVATION, FREEBOARD, NORTH, SURGE
+from taichi_sim.conventions import EAST, ELEVATION, FREEBOARD, GRAVITY, NORTH, SURGE
 from taichi_sim.kernels.packs import AroundPack
-from taichi_sim.kernels.rigid_body import angular, coriolis, linear, quaternion_rate, times
+from taichi_sim.kernels.rigid_body import angular, coriolis, cross, is_nothing, linear, quaternion_rate, six, times
 from taichi_sim.kernels.rotation import (
     position_of,
     quaternion_advance,
@@ -30,9 +50,89 @@ from taichi_sim.kernels.rotation import (
     rotation_matrix,
 )
 from taichi_sim.kernels.runtime import array2, array3
-from taichi_sim.usv.hull import loads, mmg_drive, water
+from taichi_sim.usv.hull import mmg_drive, water
 from taichi_sim.usv.hull.memory import Modes
-from taichi_sim.usv.hull.numbers import diagonal, symmetric
+from taichi_sim.usv.hull.params import diagonal, symmetric, vector
+from taichi_sim.usv.vessel import wind_forces
+
+
+@ti.func
+def down(R):
+    """Unit vector downwards, in b."""
+    return ti.Vector([R[2, 0], R[2, 1], R[2, 2]])
+
+
+@ti.func
+def weight_load(weight: ti.template(), position: ti.template(), k):
+    """Load of a weight (N) at `position` (three numbers, m, b); k is the unit vector downwards in b."""
+    force = weight * k
+    return six(force, cross(ti.Vector([position[0], position[1], position[2]]), force))
+
+
+@ti.func
+def linear_load(source: ti.template(), p: ti.template(), z, R, sums):
+    """Load of linear restoring at the depth z (m) of CO.
+
+    `source` is the LinearRestoring section, `sums` come from water.at.
+    """
+    along, across = sums[water.ALONG], sums[water.ACROSS]
+    heave = z + sums[water.ELEVATION]
+    roll = ti.atan2(R[2, 1], R[2, 2]) + across
+    pitch = ti.asin(ti.max(ti.min(-R[2, 0], 1.0), -1.0)) - along
+    Z = -source.G33 * heave - source.G35 * pitch
+    M = -source.G55 * pitch - source.G35 * heave
+    K = -source.G44 * roll
+    load = ti.Vector([-p.weight * along, -p.weight * across, Z, K, M, 0.0])
+    load += weight_load(ti.static(source.payload_mass * GRAVITY), source.payload_position, down(R))
+    return load
+
+
+@ti.func
+def damping_load(h: ti.template(), p: ti.template(), nu_r):
+    """Total of damping and cross-flow drag. `h` is the Hydrodynamics section, `p` the kernel's numbers."""
+    tau = diagonal_damping(ti.static(vector(p, "linear", 6)), ti.static(vector(p, "quadratic", 6)), nu_r)
+    if ti.static(h.cross_flow_length > 0):
+        YN = cross_flow(h, nu_r[1], nu_r[5])
+        tau[1] += YN[0]
+        tau[5] += YN[1]
+    return tau
+
+
+@ti.func
+def diagonal_damping(d: ti.template(), d_d: ti.template(), nu_r):
+    """-D nu_r with diagonal linear and quadratic coefficients, six numbers each."""
+    tau = nu_r * 0.0
+    for i in ti.static(range(6)):
+        tau[i] = -(d[i] + d_d[i] * ti.abs(nu_r[i])) * nu_r[i]
+    return tau
+
+
+@ti.func
+def cross_flow(h: ti.template(), v, r):
+    """Sway force and yaw moment (Y, N) of the strip integral."""
+    Y, N = v * 0.0, v * 0.0
+    strips = ti.static(h.cross_flow_strips)
+    dx = ti.static(h.cross_flow_length / (h.cross_flow_strips - 1))
+    for i in range(strips):
+        x = i * dx - ti.static(0.5 * h.cross_flow_length)
+        w = v + x * r
+        drag = ti.abs(w) * w
+        Y -= drag
+        N -= x * drag
+    scale = ti.static(0.5 * h.cross_flow_density * h.cross_flow_draft * h.cross_flow_coefficient) * dx
+    return ti.Vector([Y * scale, N * scale])
+
+
+@ti.func
+def wind_load(height: ti.template(), p: ti.template(), R, nu, air):
+    """Load of the wind `air` (m/s, n) on areas with their centre `height` (m) above CO; X and Y act there."""
+    tau = nu * 0.0
+    if ti.static(not (is_nothing(p.wind_x) and is_nothing(p.wind_y))):
+        met = R.transpose() @ air - linear(nu)
+        f = wind_forces(p, met[0], met[1])
+        tau = ti.Vector([f[0], f[1], 0.0, height * f[1], -height * f[0], f[2]])
+    return tau
+
 
 AUX = (
     "label_north", "label_east", "label_change_north", "label_change_east",
@@ -91,7 +191,7 @@ def acceleration(hull: ti.template(), p: ti.template(), nu, R, tau, controls, V_
     M_rb, M_a, M_inverse = ti.static(symmetric(p, "M_rb"), diagonal(p, "added"), symmetric(p, "inverse"))
     nu_c, nu_c_dot, nu_o, nu_o_dot = water.flow(hull.params.current_frame, R, angular(nu), V_c, sums)
     nu_r = nu - nu_c - nu_o
-    load = tau + loads.damping_load(hull.params.hydrodynamics, p, nu_r)
+    load = tau + damping_load(hull.params.hydrodynamics, p, nu_r)
     if ti.static(hull.thrusters.in_flow):
         load += mmg_drive.load_in_flow(hull.thrusters, p, controls, nu_r)
     load += hull.radiation.orbital_load(M_a, nu_o_dot)
@@ -137,7 +237,7 @@ def runge_kutta(hull: ti.template(), p: ti.template(), y, controls, command, loa
         now = hull.drive.lagged(hull.thrusters, p, controls, command, ahead)
         y_s = y + (ahead * ti.static(hull.dt)) * slope
         R = rotation_matrix(ti.Vector([y_s[3], y_s[4], y_s[5], y_s[6]]))
-        tau = load + loads.linear_load(hull.params.linear, p, y_s[2], R, sums)
+        tau = load + linear_load(hull.params.linear, p, y_s[2], R, sums)
         tau += hull.drive.load(hull.thrusters, p, now)
         slope = derivative(hull, p, y_s, R, tau, now, V_c, sums)
         total += ti.select(stage % 3 == 0, 1.0, 2.0) * slope

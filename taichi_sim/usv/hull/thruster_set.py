@@ -17,7 +17,7 @@ from them (extended thrust: Sordalen 1997, Optimal thrust allocation for marine 
 It is exact for every tau in the range of B. Any other part of tau (such as sway with two propellers ahead) is ignored.
 A wrench beyond the thrusters' limits is replaced by the largest one in the same direction (`allocated`).
 
-`p` holds the kernel's numbers (numbers.py). All loops over the thrusters are unrolled.
+`p` holds the kernel's numbers (params.py). All loops over the thrusters are unrolled.
 """
 
 # Kernels are another language inside Python syntax.
@@ -35,8 +35,7 @@ from torch import Tensor
 from taichi_sim.conventions import AHEAD
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.abreast import taken
-from taichi_sim.usv.hull.numbers import vector
-from taichi_sim.usv.hull.params import Hull6DofParams
+from taichi_sim.usv.hull.params import Hull6DofParams, vector
 from taichi_sim.usv.hull.thrusters import Thruster
 
 # other actions have the thrusters' names

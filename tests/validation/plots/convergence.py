@@ -12,7 +12,7 @@ from taichi_sim.config.base import MissingExtraError
 from taichi_sim.conventions import GRAVITY, RHO_SEA
 from taichi_sim.plotting import INK, dress, new_figure
 from taichi_sim.usv.hull.database import SUFFIX, HydroDatabase
-from taichi_sim.usv.hull.diffraction import cubic
+from taichi_sim.usv.hull.radiation import cubic
 from tests.validation.case import Folder
 from tests.validation.plots.style import OTHER, OURS, THIRD
 from tests.validation.remembering import vehicle_file
