@@ -338,17 +338,13 @@ def _check_noise(noise: str) -> None:
 
 def _check_memory(source: _Walk, total: int) -> None:
     """Refuse a fork that does not fit into memory."""
-    each = sum(_bytes(entry) for entry in source.entries) / source.num_envs
+    values = (entry.value for entry in source.entries if entry.of_env)
+    each = sum(value.nbytes for value in values if isinstance(value, Tensor)) / source.num_envs
     need, free = WORKING_SHARE * each * total, _free_memory()
     if need > free:
         raise StateError(
             f"{total} environments would take about {need / GIB:.1f} GiB of memory; {free / GIB:.1f} GiB are free"
         )
-
-
-def _bytes(entry: Entry) -> int:
-    value = entry.value
-    return value.nbytes if entry.of_env and isinstance(value, Tensor) else 0
 
 
 def _free_memory() -> float:

@@ -22,7 +22,7 @@ the origin, b, held over a step.
 
 import math
 from collections import namedtuple
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
@@ -33,6 +33,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from taichi_sim.config import ConfigError, Strict
+from taichi_sim.config.base import meant
 from taichi_sim.contact.parts import Deck, Legs
 from taichi_sim.conventions import DOWN, ELEVATION, HORIZONTAL, QW, STATE_SIZE, SURGE
 from taichi_sim.kernels import runtime
@@ -324,12 +325,9 @@ class Vehicle:
             ConfigError: for such a key.
         """
         if key not in self.varying:
-            import difflib
-
-            close = difflib.get_close_matches(key, self.varying, n=1)
-            hint = f", did you mean {close[0]!r}?" if close else ""
             raise ConfigError(
-                f"{type(self).__name__}: {key!r} cannot vary{hint}; allowed are {', '.join(self.varying) or 'none'}"
+                f"{type(self).__name__}: {key!r} cannot vary{meant(key, self.varying)}; allowed are "
+                f"{', '.join(self.varying) or 'none'}"
             )
 
 
@@ -345,3 +343,13 @@ def left_of(time: float, lag: Number) -> Number:
     if isinstance(lag, Tensor):
         return torch.exp(-time / lag)
     return math.exp(-time / lag) if lag > 0 else 0.0
+
+
+def edge(good: float, bad: float, holds: Callable[[float], bool], halvings: int) -> float:
+    """The last number, on the way from `good` to `bad`, for which `holds` is true; it is for `good`."""
+    if holds(bad):
+        return bad
+    for _ in range(halvings):
+        middle = 0.5 * (good + bad)
+        good, bad = (middle, bad) if holds(middle) else (good, middle)
+    return good

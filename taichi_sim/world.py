@@ -179,8 +179,10 @@ class World(Stateful):
         with runtime.torch_at_rest():
             checked = {name: self._checked(fleet, given[name]) for name, fleet in self.teams.items()}
             self.sea.phases(self.env_sea, self.time, out=self._phase)
-            before = self._remember() if self.dump_folder else {}
-            touch = self.contacts.remembered() if self.dump_folder else {}
+            before, touch = {}, {}
+            if self.dump_folder:
+                before = {name: (fleet.state.clone(), fleet.aux.clone()) for name, fleet in self.teams.items()}
+                touch = self.contacts.remembered()
             self._move(checked)
             if self.dump_folder:
                 self._dump_faults(before, touch, checked, self.dump_folder)
@@ -243,9 +245,6 @@ class World(Stateful):
         if air != 1.0:
             torch.mul(self.around.wind, air, out=felt.wind)
         return felt
-
-    def _remember(self) -> dict[str, tuple[torch.Tensor, torch.Tensor]]:
-        return {name: (fleet.state.clone(), fleet.aux.clone()) for name, fleet in self.teams.items()}
 
     def _dump_faults(self, before, touch, actions: Mapping[str, torch.Tensor], folder: Path) -> None:
         """Write a dump for every environment whose state has just become not finite."""

@@ -39,12 +39,10 @@ are not modelled.
 import math
 
 import taichi as ti
-import torch
 
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import is_laned
 from taichi_sim.kernels.fast import exp
-from taichi_sim.kernels.runtime import array1, array3
 
 STATES = 5  # per vehicle: one of u, two of v, two of w
 
@@ -141,12 +139,6 @@ def dryden_advance(x, f, z):
 
 
 @ti.func
-def dryden_step(x, V, h, dt, z):
-    """State (5) after dt (s) at airspeed V (m/s, >= 0) and height h (m); z holds five standard normal numbers."""
-    return dryden_advance(x, dryden_filter(V, h, dt), z)
-
-
-@ti.func
 def dryden_sigma(h, W20):
     """Intensities (sigma_u = sigma_v, sigma_w; m/s) at height h (m) in a wind of W20 (m/s) at 20 ft."""
     _, _, r = dryden_ratio(h)
@@ -161,12 +153,6 @@ def dryden_output(x, sigma):
 
 
 @ti.func
-def dryden_gust(x, h, W20):
-    """Gust (u, v, w; m/s) in the turbulence axes, from the state x (5), the height h (m) and W20 (m/s)."""
-    return dryden_output(x, dryden_sigma(h, W20))
-
-
-@ti.func
 def gust_n(gust, v_air_n):
     """Convert a gust (u, v, w) to NED for an aircraft with velocity v_air_n (NED, m/s) relative to the mean wind."""
     square = v_air_n[0] * v_air_n[0] + v_air_n[1] * v_air_n[1]
@@ -174,48 +160,3 @@ def gust_n(gust, v_air_n):
     scale = 1.0 / ti.sqrt(ti.max(square, AT_REST * AT_REST))
     c, s = ti.select(moves, v_air_n[0] * scale, 1.0), ti.select(moves, v_air_n[1] * scale, 0.0)
     return ti.Vector([c * gust[0] - s * gust[1], s * gust[0] + c * gust[1], gust[2]])
-
-
-@ti.kernel
-def _matrices(out: array3, V: array1, h: array1, W20: float, dt: float):
-    for row, k in ti.ndrange(out.shape[0], STATES):
-        unit, zero = ti.Vector([0.0] * STATES), ti.Vector([0.0] * STATES)
-        for i in ti.static(range(STATES)):
-            unit[i] = ti.select(i == k, 1.0, 0.0)
-        F = dryden_step(unit, V[row], h[row], dt, zero)
-        N = dryden_step(zero, V[row], h[row], dt, unit)
-        C = dryden_gust(unit, h[row], W20)
-        for i in ti.static(range(STATES)):
-            out[row, i, k], out[row, STATES + i, k] = F[i], N[i]
-        for i in ti.static(range(3)):
-            out[row, 2 * STATES + i, k] = C[i]
-
-
-def dryden_matrices(V, h, W20: float, dt: float) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Return the kernels' step as matrices: x' = F x + N z and gust = C x.
-
-    Args:
-        V, h: airspeeds (m/s) and heights (m), [n] each.
-        W20: wind at 20 ft, m/s.
-        dt: step, s.
-
-    Returns:
-        F [n, 5, 5], N [n, 5, 5] and C [n, 3, 5], in run precision.
-    """
-    run = runtime.current()
-    V, h = (torch.as_tensor(v, dtype=run.torch_dtype, device=run.device).contiguous() for v in (V, h))
-    out = torch.zeros((h.shape[0], 2 * STATES + 3, STATES), dtype=run.torch_dtype, device=run.device)
-    _matrices(out, V, h, W20, dt)
-    return out[:, :STATES], out[:, STATES : 2 * STATES], out[:, 2 * STATES :]
-
-
-def dryden_scales(h) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return lengths (L_u = L_v, L_w; m) and intensities over W20 (sigma_u = sigma_v, sigma_w), [n, 2] each.
-
-    They are read off the kernels' step at 1 m/s and their gust, at heights h (m, [n]).
-    """
-    h = torch.as_tensor(h, dtype=runtime.current().torch_dtype)
-    F, _, C = dryden_matrices(torch.ones_like(h), h, 1.0, 1.0)
-    # F21 = -2 tau a, and tau = 1 m / L
-    lengths = torch.stack((-2 * F[:, 1, 1] / F[:, 2, 1], -2 * F[:, 3, 3] / F[:, 4, 3]), dim=1)
-    return lengths, torch.stack((C[:, 0, 0], (C[:, 2] ** 2).sum(dim=1).sqrt()), dim=1)

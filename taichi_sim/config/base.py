@@ -1,5 +1,7 @@
 """Base of every configuration section: number types, the strict model, the errors."""
 
+import difflib
+from collections.abc import Iterable
 from typing import Annotated, TypeAlias
 
 import numpy as np
@@ -52,6 +54,12 @@ def span(values: ArrayLike | Tensor, unit: str) -> str:
         return "none"
     low, high = f"{flat.min():.4g}", f"{flat.max():.4g}"
     return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+
+
+def meant(name: object, known: Iterable[str]) -> str:
+    """Hint to append to "unknown key" if `name` resembles one of the `known`; empty otherwise."""
+    close = difflib.get_close_matches(str(name), list(known), n=1)
+    return f", did you mean {close[0]!r}?" if close else ""
 
 
 def number(count: int, thing: str) -> str:

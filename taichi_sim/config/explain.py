@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, TypeGuard
 
 from pydantic import BaseModel, ValidationError
 
+from taichi_sim.config.base import meant as meant
 from taichi_sim.config.world import TeamConfig, WorldConfig
 
 if TYPE_CHECKING:
@@ -78,12 +79,6 @@ def _in_words(item: "ErrorDetails", key: str, model: type[BaseModel]) -> str:
         return f"{key}: {message}" if key else message
     given = list(item["input"]) if isinstance(item["input"], tuple) else item["input"]
     return f"{key} = {given!r}: {message[0].lower()}{message[1:]}"
-
-
-def meant(name: object, fields: Iterable[str]) -> str:
-    """Hint to append to "unknown key" if `name` resembles one of `fields`."""
-    close = difflib.get_close_matches(str(name), list(fields), n=1)
-    return f", did you mean {close[0]!r}?" if close else ""
 
 
 def _is_no_team(item: "ErrorDetails", model: type[BaseModel]) -> bool:

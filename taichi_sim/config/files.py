@@ -14,7 +14,7 @@ from typing import TypeVar
 
 from taichi_sim.config.base import ConfigError, Table
 from taichi_sim.config.explain import source_of
-from taichi_sim.config.sea import is_measured
+from taichi_sim.config.sea import is_measured, path_like
 from taichi_sim.config.world import WorldConfig
 
 World = TypeVar("World", bound=WorldConfig)
@@ -47,7 +47,7 @@ def resolve_files(data: Table, scenario_file: Path, sources: Mapping[str, str]) 
     """
     for holder, key, name, shown in _places(data):
         value = holder[name]
-        if not isinstance(value, str) or (key == "sea.spectrum" and (not is_measured(value) or not _path_like(value))):
+        if not isinstance(value, str) or (key == "sea.spectrum" and (not is_measured(value) or not path_like(value))):
             continue
         found = next((file for file in (scenario_file.parent / value, Path(value)) if file.is_file()), None)
         if found is None:
@@ -88,10 +88,6 @@ def with_files(world: World, places: Mapping[str, str]) -> World:
     if "air.series" in places:
         air = air.model_copy(update={"series": places["air.series"]})
     return world.model_copy(update={"sea": sea, "air": air})
-
-
-def _path_like(value: str) -> bool:
-    return bool(Path(value).suffix) or "/" in value or "\\" in value
 
 
 def _places(data: Table) -> Iterator[tuple[Table, str, str, str]]:

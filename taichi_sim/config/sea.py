@@ -1,12 +1,11 @@
 """The sections `[sea]` and `[sea.current]` of a scenario."""
 
-import difflib
 from pathlib import PurePath
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from taichi_sim.config.base import Finite, NonNegative, Positive, Strict
+from taichi_sim.config.base import Finite, NonNegative, Positive, Strict, meant
 
 # Speeds of tidal constituents, degrees an hour (Schureman 1958, Manual of Harmonic Analysis, table 2).
 CONSTITUENTS = {
@@ -72,12 +71,15 @@ def is_measured(spectrum: object) -> bool:
     return isinstance(spectrum, str) and spectrum not in SPECTRA
 
 
+def path_like(value: str) -> bool:
+    """Whether a text can be the path of a file, rather than a name."""
+    return bool(PurePath(value).suffix) or "/" in value or "\\" in value
+
+
 def _spectrum(value: str) -> str:
-    if is_measured(value) and not PurePath(value).suffix and "/" not in value and "\\" not in value:
-        close = difflib.get_close_matches(value, SPECTRA, n=1)
-        hint = f", did you mean {close[0]!r}?" if close else ""
+    if is_measured(value) and not path_like(value):
         names = ", ".join(map(repr, SPECTRA))
-        raise ValueError(f"allowed are {names}, or the file of a measured spectrum{hint}")
+        raise ValueError(f"allowed are {names}, or the file of a measured spectrum{meant(value, SPECTRA)}")
     return value
 
 

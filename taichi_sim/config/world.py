@@ -1,12 +1,11 @@
 """The parts of a world: times, sea, `[air]`, and teams of vehicles. A mission's scenario adds its own keys to these."""
 
-import difflib
 from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
-from taichi_sim.config.base import Finite, NonNegative, Positive, Strict
+from taichi_sim.config.base import Finite, NonNegative, Positive, Strict, meant
 from taichi_sim.config.sea import SeaConfig
 from taichi_sim.config.vary import CONDITIONS, SIZE, Ranges
 
@@ -140,9 +139,9 @@ class WorldConfig(Strict):
     def _can_vary(self):
         for key, given in self.vary.items():
             if key not in CONDITIONS:
-                close = difflib.get_close_matches(key, CONDITIONS, n=1)
-                hint = f", did you mean {close[0]!r}?" if close else ""
-                raise ValueError(f"vary.{key} = {given}: unknown key{hint}; allowed here: {', '.join(CONDITIONS)}")
+                raise ValueError(
+                    f"vary.{key} = {given}: unknown key{meant(key, CONDITIONS)}; allowed here: {', '.join(CONDITIONS)}"
+                )
         if self.sea.measured and (key := next((key for key in (*SIZE, "sea.direction_deg") if key in self.vary), None)):
             raise ValueError(
                 f"vary.{key} = {self.vary[key]}: sea.spectrum is a measured one, as large as it was and from where it "

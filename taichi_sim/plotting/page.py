@@ -117,7 +117,8 @@ def svg(figure: Figure, name: str) -> str:
     drawn = file.getvalue()
     drawn = re.sub(r"<metadata>.*?</metadata>", "", drawn[drawn.index("<svg") :], flags=re.DOTALL)
     drawn = re.sub(r' xmlns(:\w+)?="[^"]*"', "", drawn)
-    drawn = re.sub(r'(?<= )(d|x|y|transform)="[^"]*"', _shorter, drawn)
+    # coordinates to a hundredth of a point
+    drawn = re.sub(r'(?<= )(d|x|y|transform)="[^"]*"', lambda at: re.sub(r"(\d+\.\d\d)\d+", r"\1", at[0]), drawn)
     drawn = re.sub(f"{INK}|#000000", "currentColor", drawn, flags=re.IGNORECASE)
     return drawn.replace("<svg", f'<svg role="img" aria-label="{text(name)}"', 1)
 
@@ -127,11 +128,6 @@ def photograph(file: Path) -> str:
     kind = file.suffix.removeprefix(".").lower()
     inside = base64.b64encode(file.read_bytes()).decode("ascii")
     return f'<img alt="moments of an episode" src="data:image/{kind};base64,{inside}">'
-
-
-def _shorter(attribute: re.Match[str]) -> str:
-    """A coordinate attribute, rounded to a hundredth of a point."""
-    return re.sub(r"(\d+\.\d\d)\d+", r"\1", attribute[0])
 
 
 def page(title: str, lead: str, sections: Iterable[str]) -> str:

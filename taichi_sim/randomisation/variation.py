@@ -12,6 +12,7 @@ from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 from taichi_sim.randomisation.conditions import TRUTH, Conditions, spread, varied
 from taichi_sim.sea.current import Current
+from taichi_sim.vehicle import edge
 
 STREAM = 0xF1  # separates these random numbers from others of the same seed
 BATCH = 4096  # vehicles drawn at once; their derived numbers cost little more than those of one vehicle
@@ -109,19 +110,8 @@ def _held(fleet: Fleet, key: str, given: Range, variation: float) -> tuple[float
         reason = fleet.refusal(key, end)
         if reason and variation <= 1.0:
             raise ConfigError(f"{place} = {given}: {end:g} cannot be: {reason}")
-    low, high = (end if fleet.refusal(key, end) is None else _nearest(fleet, key, nominal, end) for end in ends)
+    low, high = (edge(nominal, end, lambda x: fleet.refusal(key, x) is None, HALVINGS) for end in ends)
     return low, high
-
-
-def _nearest(fleet: Fleet, key: str, good: float, bad: float) -> float:
-    """The accepted value nearest to `bad` between `bad` and `good`, by bisection."""
-    for _ in range(HALVINGS):
-        middle = (good + bad) / 2
-        if fleet.refusal(key, middle) is None:
-            good = middle
-        else:
-            bad = middle
-    return good
 
 
 class Variation:

@@ -61,11 +61,7 @@ def loft(sections: NDArray[np.floating], colour: Colour) -> Mesh:
     after = np.roll(sections, -1, axis=1)
     a, b, c, d = sections[:-1], after[:-1], after[1:], sections[1:]
     sides = [np.stack(corners, axis=-2).reshape(-1, 3, 3) for corners in ((a, b, c), (a, c, d))]
-    caps = []
-    for ring in (sections[0], sections[-1]):
-        hub = np.broadcast_to(ring.mean(axis=0), ring.shape)
-        caps.append(np.stack([hub, ring, np.roll(ring, -1, axis=0)], axis=1))
-    faces = np.concatenate(sides + caps)
+    faces = np.concatenate([*sides, lid(sections[0]), lid(sections[-1])])
     # outward is away from the middle of the piece between two sections, because a long solid may be bent
     core = 0.5 * (sections[:-1] + sections[1:]).mean(axis=1)
     bay = np.repeat(np.arange(len(core)), sections.shape[1])

@@ -72,7 +72,9 @@ class Live:
         command = [program(), "--serve-grpc", "--bind", HOST, "--port", str(port), *limit]
         self._server = _started(["sh", "-c", TIED.format(command=shlex.join(command))], subprocess.PIPE)
         _await_server(self._server, port)
-        viewer = has_display() if viewer is None else viewer
+        if viewer is None:
+            display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+            viewer = sys.platform in ("darwin", "win32") or bool(display)
         if viewer:
             command = [program(), self.url, "--bind", HOST, "--port", "auto", "--memory-limit", VIEWER_MEMORY]
             self._viewer = _started(command, subprocess.DEVNULL)
@@ -199,11 +201,6 @@ class _Outbox:
         except (RuntimeError, ValueError):
             return False
         return True
-
-
-def has_display() -> bool:
-    """Whether a window can be opened."""
-    return sys.platform in ("darwin", "win32") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def _log_at(rec: rr.RecordingStream, now: np.timedelta64, path: str, thing: rr.AsComponents) -> None:

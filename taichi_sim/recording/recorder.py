@@ -135,7 +135,7 @@ class Recorder:
             body=None if surface is None else Body(*surface),
             airframe=None if model.airframe is None else Airframe(*model.airframe),
             deck=None if model.deck is None else Platform(model.deck.centre, model.deck.half),
-            air_n=air_of(model, aux),
+            air_n=None if model.air is None else _columns(model, aux, model.air),
             forces=forces_of(model, aux),
             signals=signals,
             action=action,
@@ -223,11 +223,6 @@ def _actions(names: tuple[str, ...], rows: list[Array | None]) -> tuple[tuple[st
         return (), None
     blank = np.full_like(known, np.nan)
     return names, np.stack([blank if row is None else row for row in rows])
-
-
-def air_of(model: Vehicle, aux: Array) -> Array | None:
-    """Velocity of the air met [T, V, 3] (m/s, n) from the named columns `aux` [T, V, n]; None if there is none."""
-    return None if model.air is None else _columns(model, aux, model.air)
 
 
 def forces_of(model: Vehicle, aux: Array) -> dict[str, Force]:

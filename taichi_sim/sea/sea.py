@@ -309,11 +309,6 @@ class Sea:
         return points, index, flat[-2].contiguous(), shape
 
 
-def shortest_period(hs: np.ndarray) -> np.ndarray:
-    """Shortest peak period (s) of seas of significant height hs (m)."""
-    return np.sqrt(2 * math.pi * hs / (GRAVITY * STEEPEST))
-
-
 def varied_components(
     config: SeaConfig, hs: np.ndarray, tp: np.ndarray, direction_deg: np.ndarray, seed: int
 ) -> tuple[Components, np.ndarray]:
@@ -322,7 +317,7 @@ def varied_components(
     hs (m), tp (s) and direction_deg describe the wind seas, [realisation]. Periods too short for their height are
     raised. Realisation r depends on `seed`, its own numbers and r alone.
     """
-    tp = np.maximum(tp, shortest_period(hs))
+    tp = np.maximum(tp, np.sqrt(2 * math.pi * hs / (GRAVITY * STEEPEST)))
     for _ in range(TRIES):
         sizes = [SeaSize(float(height), float(period)) for height, period in zip(hs, tp, strict=True)]
         systems = [wave_systems(config, *each) for each in zip(sizes, map(float, direction_deg), strict=True)]

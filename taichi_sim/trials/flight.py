@@ -4,7 +4,7 @@ All flights are through still air, so a steady wind changes only figures over gr
 """
 
 import math
-from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from taichi_sim.uav.multirotor import trim as hovering
 from taichi_sim.uav.multirotor.controller import allocation
 from taichi_sim.uav.multirotor.equations import induced_velocity, shaft_power
 from taichi_sim.uav.multirotor.params import MultirotorParams
+from taichi_sim.vehicle import edge
 
 SPEEDS = 17  # airspeeds at which climb, glide and turn are tried
 BISECTIONS = 24
@@ -26,14 +27,7 @@ WIDEST, TIGHTEST = 1e4, 1.0  # m, radii of turns tried
 FASTEST = 100.0  # m/s, highest speed of a multirotor tried
 
 
-def _last(good: float, bad: float, flies: Callable[[float], bool]) -> float:
-    """The edge between `good`, which flies, and `bad`, which does not; `bad` if it flies too."""
-    if flies(bad):
-        return bad
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (good + bad)
-        good, bad = (middle, bad) if flies(middle) else (good, middle)
-    return good
+_last = partial(edge, halvings=BISECTIONS)
 
 
 # -- fixed wings -------------------------------------------------------------------------------------------------------

@@ -120,15 +120,10 @@ class UnityBoat(Vessel):
         "buoyancy_stiffness", "buoyancy_damping",
     )  # fmt: skip
 
-    def __init__(self, params: UnityBoatParams, dt: float, substeps: int):
-        """Take `params`, the step dt (s) and the number of substeps in a control step."""
-        super().__init__(params, dt, substeps)
-        self.p = params
-
     @property
     def limits(self) -> Limits:
         """Limits of the boat; the top speed is that at which drag equals the whole thrust."""
-        return Limits((0.0, 0.0, steady_speed(self.p.force_factor, self.p.mass * self.p.drag)))
+        return Limits((0.0, 0.0, steady_speed(self.params.force_factor, self.params.mass * self.params.drag)))
 
     def steer(self, ahead: ArrayLike, helm: ArrayLike) -> NDArray[np.float64]:
         """Return the actions of a helmsman: `ahead` is I_v, `helm` is I_h."""
@@ -137,7 +132,7 @@ class UnityBoat(Vessel):
     def own(self, values: Mapping[str, Number]) -> BoatNumbers:
         """Numbers that the kernel uses."""
         mass = values["mass"]
-        Ix, Iy, Iz = (mass * share for share in self.p.inertia_shares)
+        Ix, Iy, Iz = (mass * share for share in self.params.inertia_shares)
         return BoatNumbers(
             weight=mass * GRAVITY,
             preload=mass * GRAVITY / 4,
@@ -252,7 +247,7 @@ class UnityBoat(Vessel):
 
         The corners are bow port, bow starboard, stern port, stern starboard.
         """
-        a, b = ti.static(0.5 * self.p.length, 0.5 * self.p.beam)
+        a, b = ti.static(0.5 * self.params.length, 0.5 * self.params.beam)
         ahead, right = ti.Vector([a * R[0, 0], a * R[1, 0]]), ti.Vector([b * R[0, 1], b * R[1, 1]])
         return waves.displacement_and_corners(
             around, build.components, e, pos[0] + D[0], pos[1] + D[1], ahead, right, tau
@@ -261,7 +256,7 @@ class UnityBoat(Vessel):
     @ti.func
     def buoyancy(self, p: ti.template(), pos, R, v, omega, heights):
         """Force (N) and torque (N m) of the corner springs and of gravity, both in n and about the body origin."""
-        a, b = 0.5 * ti.static(self.p.length), 0.5 * ti.static(self.p.beam)
+        a, b = 0.5 * ti.static(self.params.length), 0.5 * ti.static(self.params.beam)
         omega_n = R @ omega
         total = pos[2] * 0.0
         torque = ti.Vector([total, total, total])
@@ -273,8 +268,8 @@ class UnityBoat(Vessel):
             lift += p.damping * down_speed
             total += lift
             torque += ti.Vector([-r[1] * lift, r[0] * lift, 0.0])
-        bow = (heights[0] + heights[1] - heights[2] - heights[3]) / (2.0 * self.p.length)
-        starboard = (heights[1] + heights[3] - heights[0] - heights[2]) / (2.0 * self.p.beam)
+        bow = (heights[0] + heights[1] - heights[2] - heights[3]) / (2.0 * self.params.length)
+        starboard = (heights[1] + heights[3] - heights[0] - heights[2]) / (2.0 * self.params.beam)
         slope_n = bow * R[0, 0] + starboard * R[0, 1]
         slope_e = bow * R[1, 0] + starboard * R[1, 1]
         return ti.Vector([-total * slope_n, -total * slope_e, p.weight - total]), torque

@@ -11,8 +11,8 @@ from torch import Tensor
 from taichi_sim.config import WorldConfig
 from taichi_sim.contact.contacts import PlacementError
 from taichi_sim.kernels.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler, torch_rotation_matrix
-from taichi_sim.uav.multirotor.equations import ground_ratios
 from taichi_sim.world import World
+from tests.probes import ground_ratios
 
 RAFT = Path(__file__).parents[1] / "data" / "plugins" / "raft.toml"
 SOLES = 0.2288691310180355  # m, the x500's below its centre of gravity

@@ -10,9 +10,9 @@ from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig, WorldConfig
 from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, VELOCITY
 from taichi_sim.kernels.rotation import torch_rotation_matrix
-from taichi_sim.uav.multirotor.equations import ground_ratios
 from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
 from taichi_sim.world import World
+from tests.probes import ground_ratios
 
 pytestmark = pytest.mark.usefixtures("f64")
 DT, SUBSTEPS = 0.02, 5

@@ -8,9 +8,9 @@ import pytest
 import torch
 
 from taichi_sim.bench import Bench
-from taichi_sim.uav.multirotor.equations import ground_ratios, rotor_rates
 from taichi_sim.uav.multirotor.trim import trim
 from taichi_sim.vehicles import load_vehicle
+from tests.probes import ground_ratios, rotor_rates
 
 STATE = ("n", "e", "d", "e0", "e1", "e2", "e3", "u", "v", "w", "p", "q", "r")
 ROTORS = range(1, 5)

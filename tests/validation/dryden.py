@@ -9,9 +9,10 @@ import numpy as np
 import taichi as ti
 import torch
 
-from taichi_sim.air.turbulence import LOWEST, STATES, dryden_matrices, dryden_scales
+from taichi_sim.air.turbulence import LOWEST, STATES
 from taichi_sim.air.wind import TWENTY_FEET, log_shear, mean_wind_factor
 from taichi_sim.kernels import runtime
+from tests.probes import dryden_matrices, dryden_scales
 from tests.validation.case import Case
 from tests.validation.tables import TableError, numbers, read_csv, read_json, records
 

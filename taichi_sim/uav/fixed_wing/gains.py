@@ -27,6 +27,7 @@ from taichi_sim.uav.fixed_wing.autopilot import AutopilotGains, AutopilotLimits,
 from taichi_sim.uav.fixed_wing.equations import lift_curve, stall_angles
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.fixed_wing.trim import Trim, TrimError, linear_modes, trim
+from taichi_sim.vehicle import edge
 
 ZETA = 0.8  # damping of every loop but roll rate: overshoot of 1.5 %
 PITCH_SEPARATION = 4.0  # frequency of the short period over the crossover of the pitch loop
@@ -121,13 +122,7 @@ def _largest(fly: Callable[[float], Trim], low: float, high: float) -> float:
         except TrimError:
             return False
 
-    if possible(high):
-        return high
-    good, bad = low, high
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (good + bad)
-        good, bad = (middle, bad) if possible(middle) else (good, middle)
-    return good
+    return edge(low, high, possible, BISECTIONS)
 
 
 def behind(lag: float) -> float:

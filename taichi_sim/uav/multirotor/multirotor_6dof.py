@@ -44,7 +44,7 @@ from taichi_sim.uav.multirotor.equations import derivatives, induced_velocity
 from taichi_sim.uav.multirotor.params import MultirotorParams, multirotor_numbers, nominal_numbers, varying_keys
 from taichi_sim.uav.multirotor.params import gains as rotor_gains
 from taichi_sim.uav.multirotor.trim import largest_stable_dt, show, trim, trimmed
-from taichi_sim.vehicle import Limits, Number, Vehicle
+from taichi_sim.vehicle import Limits, Number, Vehicle, edge
 
 if TYPE_CHECKING:
     from taichi_sim.world import World
@@ -125,12 +125,9 @@ class Multirotor6DOF(Vehicle):
             except TrimError:
                 return False
 
-        if not possible(most):
-            low, high = 0.0, most
-            for _ in range(BISECTIONS):
-                low, high = ((low + high) / 2, high) if possible((low + high) / 2) else (low, (low + high) / 2)
+        if (held := edge(0.0, most, possible, BISECTIONS)) < most:
             raise ConfigError(
-                f"envelope.max_airspeed = {most:g}: the rotors hold {low:.3g} m/s at most within max_tilt_deg = "
+                f"envelope.max_airspeed = {most:g}: the rotors hold {held:.3g} m/s at most within max_tilt_deg = "
                 f"{self.plan.control.max_tilt_deg:g}"
             )
         return trim(self.plan, (most, 0.0, 0.0))

@@ -54,6 +54,7 @@ from taichi_sim.usv.hull import mmg_drive, water
 from taichi_sim.usv.hull.memory import Modes
 from taichi_sim.usv.hull.params import diagonal, symmetric, vector
 from taichi_sim.usv.vessel import wind_forces
+from taichi_sim.vehicle import edge
 
 
 @ti.func
@@ -298,13 +299,7 @@ def largest_stable_dt(A: Array, step) -> float:
     def stable(dt: float) -> bool:
         return bool(np.abs(np.linalg.eigvals(step(A, dt))).max() <= 1 + 1e-9)
 
-    low, high = 0.0, LARGEST
-    if stable(high):
-        return high
-    for _ in range(HALVINGS):
-        middle = (low + high) / 2
-        low, high = (middle, high) if stable(middle) else (low, middle)
-    return low
+    return edge(0.0, LARGEST, stable, HALVINGS)
 
 
 @ti.func
