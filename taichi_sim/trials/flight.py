@@ -14,8 +14,8 @@ from taichi_sim.uav.fixed_wing.equations import flight_envelope
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.fixed_wing.trim import Trim, TrimError, linear_modes, trim
 from taichi_sim.uav.multirotor import trim as hovering
+from taichi_sim.uav.multirotor.airframe import induced_velocity, shaft_power
 from taichi_sim.uav.multirotor.controller import allocation
-from taichi_sim.uav.multirotor.equations import induced_velocity, shaft_power
 from taichi_sim.uav.multirotor.params import MultirotorParams
 from taichi_sim.vehicle import edge
 

@@ -9,8 +9,8 @@ import numpy as np
 from taichi_sim.config import ConfigError
 from taichi_sim.uav.aircraft import TrimError
 from taichi_sim.uav.fixed_wing.trim import Mode, StableStep
+from taichi_sim.uav.multirotor.airframe import induced_velocity, shaft_power
 from taichi_sim.uav.multirotor.controller import allocation, bandwidths, gains, lag, lead
-from taichi_sim.uav.multirotor.equations import induced_velocity, shaft_power
 from taichi_sim.uav.multirotor.params import MultirotorParams
 from taichi_sim.uav.multirotor.trim import MultirotorTrim, largest_stable_dt, linear_modes, trim
 

@@ -1,19 +1,33 @@
 """Control surfaces and throttle follow their commands with a first-order lag, a rate limit and saturation.
 
 Deflections are packed as delta = (elevator, aileron, rudder, throttle): three in rad, the throttle from 0 to 1.
+
+Thrust and torque of the fixed-pitch propeller follow one of two published laws:
+
+- `electric`: propeller and direct-current motor in balance. Thrust and torque coefficients are quadratic in the
+  advance ratio J = 2 pi Va / (Omega D); the motor's torque is K_Q ((V_in - K_V Omega) / R - i0) with
+  V_in = V_max delta_t. Equal torques give a quadratic equation for the speed Omega (Beard & McLain, Small Unmanned
+  Aircraft, addendum on the propeller model, eqs 4.17-4.21; numbers of mavsim_public).
+- `disc`: Bernoulli's law for air leaving the disc at k_motor delta_t,
+  T = 0.5 rho S_prop C_prop ((k_motor delta_t)^2 - Va^2), Q = k_T_p (k_Omega delta_t)^2 (Beard & McLain 2012,
+  sec. 4.3).
+
+Q is the torque that turns the propeller, N m: the airframe feels -Q about its nose. T and Q of either law are
+multiplied by `gain`, which is below 1 for a worn propeller or a low battery.
 """
 
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false
 
 import math
-from typing import Annotated
+from typing import Annotated, Literal
 
 import taichi as ti
 import torch
 from pydantic import Field
 
-from taichi_sim.config import NonNegative, Strict
+from taichi_sim.config import Finite, NonNegative, Positive, Strict
+from taichi_sim.kernels.runtime import array2
 from taichi_sim.vehicle import Number
 
 DEG = math.pi / 180.0
@@ -78,3 +92,101 @@ def advance(servos: ti.template(), p: ti.template(), dt: ti.template(), delta, c
         new[k] = delta[k] + change
         mean[k] = new[k] - kept[k] * change
     return new, mean
+
+
+TURN = 2.0 * math.pi  # rad
+SECONDS_PER_MINUTE = 60.0
+
+
+class ElectricPropeller(Strict):
+    """Numbers of a propeller on an electric motor."""
+
+    law: Literal["electric"]
+    D: Positive  # diameter, m
+    KV_rpm_per_volt: Positive  # rpm/V: K_V = K_Q = 60 / (2 pi KV), V s/rad
+    R_motor: Positive  # ohm
+    i0: NonNegative  # current without load, A
+    V_max: Positive  # voltage at full throttle, V
+    C_T0: Finite
+    C_T1: Finite
+    C_T2: Finite
+    C_Q0: Positive
+    C_Q1: Finite
+    C_Q2: Finite
+    gain: NonNegative = 1.0  # of thrust and torque
+
+    @property
+    def K(self) -> float:  # noqa: N802
+        """K_V = K_Q, V s/rad or N m/A."""
+        return SECONDS_PER_MINUTE / (TURN * self.KV_rpm_per_volt)
+
+    @property
+    def thrust_polynomial(self) -> tuple[float, float, float]:
+        """Coefficients of Omega^2, Omega Va, Va^2 in the thrust over the air density (N m^3/kg)."""
+        D = self.D
+        return self.C_T0 * D**4 / TURN**2, self.C_T1 * D**3 / TURN, self.C_T2 * D**2
+
+    @property
+    def torque_polynomial(self) -> tuple[float, float, float]:
+        """Coefficients of Omega^2, Omega Va, Va^2 in the torque over the air density (N m m^3/kg)."""
+        D = self.D
+        return self.C_Q0 * D**5 / TURN**2, self.C_Q1 * D**4 / TURN, self.C_Q2 * D**3
+
+
+class DiscPropeller(Strict):
+    """Numbers of a propeller by Bernoulli's law."""
+
+    law: Literal["disc"]
+    S_prop: Positive  # m^2
+    C_prop: Positive
+    k_motor: Positive  # speed of the air behind the disc at full throttle, m/s
+    k_T_p: NonNegative  # N m s^2  # noqa: N815
+    k_Omega: NonNegative  # rad/s  # noqa: N815
+    gain: NonNegative = 1.0  # of thrust and torque
+
+
+@ti.func
+def electric_thrust_torque(propeller: ti.template(), rho, Va, delta_t):
+    """(T, N; Q, N m) of an ElectricPropeller in air of density rho (kg/m^3) at airspeed Va (m/s), throttle delta_t."""
+    t0, t1, t2 = ti.static(propeller.thrust_polynomial)
+    q0, q1, q2 = ti.static(propeller.torque_polynomial)
+    K, R = ti.static(propeller.K, propeller.R_motor)
+    a, Va2 = rho * q0, Va * Va
+    b = rho * q1 * Va + ti.static(K**2 / R)
+    c = rho * q2 * Va2 + ti.static(K * propeller.i0) - ti.static(K * propeller.V_max / R) * delta_t
+    # the root (-b + sqrt(b^2 - 4 a c)) / (2 a), in the form that loses no digits where b > 0; the no-load current
+    # cannot drive the motor backward
+    root = ti.sqrt(ti.max(b * b - 4.0 * a * c, 0.0))
+    Omega = ti.max(-2.0 * c / (b + root), 0.0)
+    return rho * ((t0 * Omega + t1 * Va) * Omega + t2 * Va2), rho * ((q0 * Omega + q1 * Va) * Omega + q2 * Va2)
+
+
+@ti.func
+def disc_thrust_torque(propeller: ti.template(), rho, Va, delta_t):
+    """(T, N; Q, N m) of a DiscPropeller in air of density rho (kg/m^3) at airspeed Va (m/s) and throttle delta_t."""
+    jet = propeller.k_motor * delta_t
+    thrust = ti.static(0.5 * propeller.S_prop * propeller.C_prop) * rho * (jet * jet - Va * Va)
+    return thrust, ti.static(propeller.k_T_p * propeller.k_Omega**2) * delta_t * delta_t
+
+
+@ti.func
+def thrust_torque(propeller: ti.template(), p: ti.template(), Va, delta_t):
+    """(T, N; Q, N m) of a propeller at airspeed Va (m/s) and throttle delta_t, in the air of p (FixedWingNumbers)."""
+    T, Q = Va, Va
+    if ti.static(propeller.law == "electric"):
+        T, Q = electric_thrust_torque(propeller, p.rho, Va, delta_t)
+    else:
+        T, Q = disc_thrust_torque(propeller, p.rho, Va, delta_t)
+    return p.gain * T, p.gain * Q
+
+
+@ti.kernel
+def propeller_power(out: array2, airspeed: array2, throttle: array2, propeller: ti.template(), rho: float):
+    """Write thrust times airspeed (W) of propellers with a gain of 1, in air of density `rho` (kg/m^3)."""
+    for e, i in ti.ndrange(out.shape[0], out.shape[1]):
+        T, Q = airspeed[e, i], airspeed[e, i]
+        if ti.static(propeller.law == "electric"):
+            T, Q = electric_thrust_torque(propeller, rho, airspeed[e, i], throttle[e, i])
+        else:
+            T, Q = disc_thrust_torque(propeller, rho, airspeed[e, i], throttle[e, i])
+        out[e, i] = T * airspeed[e, i]

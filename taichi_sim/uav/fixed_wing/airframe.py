@@ -26,7 +26,7 @@ from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import some
 from taichi_sim.kernels.rigid_body import cross
 from taichi_sim.kernels.rotation import attitude_of, rates_of, velocity_of
-from taichi_sim.uav.fixed_wing.propeller import thrust_torque
+from taichi_sim.uav.fixed_wing.actuators import thrust_torque
 
 HALF_PI = math.pi / 2
 TINY = 1e-30  # keeps 0 / 0 out of atan2(0, 0)

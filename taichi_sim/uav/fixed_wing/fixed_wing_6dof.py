@@ -36,7 +36,6 @@ from taichi_sim.uav.fixed_wing.autopilot import ACTION_NAMES, AutopilotParams
 from taichi_sim.uav.fixed_wing.equations import derivatives, stall_angles
 from taichi_sim.uav.fixed_wing.gains import gains, limits
 from taichi_sim.uav.fixed_wing.params import VARYING, FixedWingNumbers, FixedWingParams, aircraft_numbers
-from taichi_sim.uav.fixed_wing.propeller import propeller_power
 from taichi_sim.uav.fixed_wing.trim import air_readings, largest_stable_dt, trim, trimmed
 from taichi_sim.vehicle import Limits, Number
 
@@ -191,7 +190,7 @@ class FixedWing6DOF(Aircraft):
         """
         Va, delta = fleet.reading("airspeed").contiguous(), fleet.reading("throttle").contiguous()
         out = torch.empty_like(Va)
-        propeller_power(out, Va, delta, self.p.propeller, self.constants.rho)
+        actuators.propeller_power(out, Va, delta, self.p.propeller, self.constants.rho)
         if fleet.varied:
             return out * fleet.vary.get("propeller.gain", self.p.propeller.gain)
         return out * self.p.propeller.gain

@@ -12,9 +12,8 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from taichi_sim.config import Finite, Positive, Strict
-from taichi_sim.uav.fixed_wing.actuators import Actuators, lag
+from taichi_sim.uav.fixed_wing.actuators import Actuators, DiscPropeller, ElectricPropeller, lag
 from taichi_sim.uav.fixed_wing.autopilot import AutopilotParams
-from taichi_sim.uav.fixed_wing.propeller import DiscPropeller, ElectricPropeller
 from taichi_sim.vehicle import Number, value_at
 
 

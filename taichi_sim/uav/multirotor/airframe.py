@@ -10,18 +10,25 @@ A step is by the classical Runge-Kutta method, in the frame of the air. The roto
 exact solution for the held command: a lag as short as half a step costs neither accuracy nor stability.
 
 `craft` is a MultirotorParams: the kernels read the parameters that never vary from it, and these are compiled in. `p`
-are its numbers (params.py), either compiled in or loaded for each environment.
+are its numbers (params.py), either compiled in or loaded for each environment. `derivatives` and what follows it are
+for many states at once, with the vehicle file's numbers.
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportIndexIssue=false, reportInvalidTypeForm=false
+# pyright: reportGeneralTypeIssues=false, reportIndexIssue=false, reportInvalidTypeForm=false
 
+import math
+
+import numpy as np
 import taichi as ti
 
-from taichi_sim.conventions import GRAVITY
+from taichi_sim.conventions import GRAVITY, STATE_SIZE
+from taichi_sim.kernels.abreast import taken2
 from taichi_sim.kernels.rigid_body import cross, is_nothing, quaternion_rate
 from taichi_sim.kernels.rotation import attitude_of, quaternion_of, rates_of, velocity_of
+from taichi_sim.kernels.runtime import array2
 from taichi_sim.uav.multirotor import ground, rotors
+from taichi_sim.uav.multirotor.params import MultirotorParams, nominal_numbers
 
 
 @ti.func
@@ -131,3 +138,42 @@ def rk4(craft: ti.template(), p: ti.template(), kind: ti.template(), y, omega, c
     for c in ti.static(range(3, 7)):
         new[c] *= 1.5 - 0.5 * norm2
     return new, speed
+
+
+@ti.kernel
+def derivatives(
+    craft: ti.template(), kind: ti.template(), state: array2, omega: array2, wind: array2, load: array2, out: array2
+):
+    """Write derivatives [n, 13] of states [n, 13], with the vehicle file's numbers and rotors held at omega [n, rotor]
+    (rad/s).
+
+    `kind` (ground.py) says what is below: calm water or nothing.
+    """
+    for n in range(state.shape[0]):
+        y = taken2(state, n, STATE_SIZE)
+        speed = taken2(omega, n, ti.static(len(craft.rotors)))
+        tau = taken2(load, n, 6)
+        R = attitude_of(y)
+        v_r = velocity_of(y) - R.transpose() @ taken2(wind, n, 3)
+        d = derivative(craft, ti.static(nominal_numbers(craft)), kind, y, R, v_r, speed, 0.0 * speed, -y[2], tau)
+        for k in ti.static(range(STATE_SIZE)):
+            out[n, k] = d[k]
+
+
+def rhs(craft: MultirotorParams, state, omega) -> np.ndarray:
+    """Derivative [n, 13] float64 of states [n, 13] in still air, far from ground; rotors at omega [n, rotor], rad/s."""
+    state, omega = (np.ascontiguousarray(x, dtype=np.float64) for x in (state, omega))
+    out, none = np.empty_like(state), np.zeros((len(state), 6))
+    derivatives(craft, False, state, omega, none, none, out)
+    return out
+
+
+def shaft_power(craft: MultirotorParams, omega: np.ndarray) -> float:
+    """Shaft power (W) of rotors at speeds omega [rotor] (rad/s)."""
+    return float(sum(mount.gain * craft.rotor.k_m * w**3 for mount, w in zip(craft.rotors, omega, strict=True)))
+
+
+def induced_velocity(craft: MultirotorParams) -> float:
+    """Velocity (m/s) of the air through the rotors' discs in hover, by momentum theory."""
+    area = math.pi * craft.rotor.radius**2 * len(craft.rotors)
+    return math.sqrt(craft.physical.mass * GRAVITY / (2 * craft.physical.rho * area))

@@ -38,9 +38,8 @@ from taichi_sim.uav.aircraft import TrimError
 from taichi_sim.uav.fixed_wing.airframe import atan2, with_velocity
 from taichi_sim.uav.multirotor import controller, ground, landing, rotors
 from taichi_sim.uav.multirotor import instruments as at
-from taichi_sim.uav.multirotor.airframe import ground_ratios, rk4
+from taichi_sim.uav.multirotor.airframe import derivatives, ground_ratios, induced_velocity, rk4
 from taichi_sim.uav.multirotor.body import body_surface
-from taichi_sim.uav.multirotor.equations import derivatives, induced_velocity
 from taichi_sim.uav.multirotor.params import MultirotorParams, multirotor_numbers, nominal_numbers, varying_keys
 from taichi_sim.uav.multirotor.params import gains as rotor_gains
 from taichi_sim.uav.multirotor.trim import largest_stable_dt, show, trim, trimmed

@@ -32,9 +32,8 @@ from taichi_sim.uav.aircraft import TrimError
 from taichi_sim.uav.fixed_wing.trim import Mode, StableStep, in_body, jacobian, level_attitude, rk4_limit
 from taichi_sim.uav.local_air import wind_at
 from taichi_sim.uav.multirotor import instruments as at
-from taichi_sim.uav.multirotor.airframe import loads
+from taichi_sim.uav.multirotor.airframe import loads, rhs
 from taichi_sim.uav.multirotor.controller import allocation
-from taichi_sim.uav.multirotor.equations import rhs
 from taichi_sim.uav.multirotor.params import MultirotorParams, gains, nominal_numbers
 from taichi_sim.uav.multirotor.rotors import arm
 
