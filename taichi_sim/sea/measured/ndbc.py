@@ -71,7 +71,7 @@ def read_ndbc(path: Path) -> Gridded:
     density = read_part(parts.get("density", path))
     if "density" not in parts and parts:
         raise ConfigError(f"{path}: the file of the densities, which every spectrum needs, is not in the same folder")
-    given = {kind: _aligned(read_part(file), density, file) for kind, file in parts.items() if kind != "density"}
+    given = {kind: _aligned(kind, read_part(file), density, file) for kind, file in parts.items() if kind != "density"}
     nothing = np.full(density.values.shape, np.nan)
     alpha1, r1, alpha2, r2 = (given.get(kind, nothing) for kind in ("alpha1", "r1", "alpha2", "r2"))
     first, second = (np.deg2rad(alpha + 180.0) for alpha in (alpha1, alpha2))  # from -> to
@@ -170,18 +170,14 @@ def _numbers(texts: list[str]) -> Iterator[float]:
         yield value if value < MISSING else np.nan
 
 
-def _aligned(part: Part, density: Part, path: Path) -> np.ndarray:
+def _aligned(kind: str, part: Part, density: Part, path: Path) -> np.ndarray:
     """Values [t, f] of a file at the times of the densities; NaN where the file lacks a time."""
     if part.frequency.shape != density.frequency.shape or not np.allclose(part.frequency, density.frequency):
         raise ConfigError(f"{path}: its frequencies differ from those in the file of the densities")
     rows: Mapping[np.datetime64, np.ndarray] = dict(zip(part.times, part.values, strict=True))
     nothing = np.full(density.frequency.size, np.nan)
     values = np.array([rows.get(time, nothing) for time in density.times])
-    return values / 100 if part.hundredths and _kind_is_r(path) else values
-
-
-def _kind_is_r(path: Path) -> bool:
-    return any(kind in ("r1", "r2") and file == path for kind, file in ndbc_set(path).items())
+    return values / 100 if part.hundredths and kind in ("r1", "r2") else values
 
 
 def _open(path: Path):

@@ -17,7 +17,7 @@ Aerosonde's modes is 0.33.
 
 import math
 from collections.abc import Callable, Iterator
-from typing import TypedDict
+from typing import Any
 
 import numpy as np
 
@@ -38,16 +38,6 @@ THROTTLE_RESERVE = 0.05  # throttle left unused at the largest airspeed in level
 ALPHA_MARGIN = 0.15  # margin to the stall's angle of attack, as a fraction of it, for overshoot
 SPEEDS, CLIMBS, BANKS = 5, (-0.1, 0.1), (0.5, 1.0)  # grid of the trims: airspeeds, rad, over the largest bank
 BISECTIONS = 7
-
-
-class TrimFits(TypedDict):
-    """Polynomials of the trims, as in `AutopilotGains`."""
-
-    alpha: tuple[float, ...]
-    elevator: tuple[float, ...]
-    aileron: tuple[float, ...]
-    rudder: tuple[float, ...]
-    throttle: tuple[float, ...]
 
 
 def speed_range(p: FixedWingParams, pilot: AutopilotParams) -> tuple[float, float, float]:
@@ -175,7 +165,7 @@ def gains(p: FixedWingParams, cruise: Trim, m: AutopilotLimits, dt: float) -> Au
         "course": behind(1 / roll),
         "pitch_airspeed": speed / GRAVITY,
     }
-    numbers = {name: float(value) for name, value in loops.items()}
+    numbers: dict[str, Any] = {name: float(value) for name, value in loops.items()}
     return AutopilotGains(**_fits([cruise, *_trims(p, m)], V), **numbers)
 
 
@@ -191,7 +181,7 @@ def _trims(p: FixedWingParams, m: AutopilotLimits) -> Iterator[Trim]:
                 continue
 
 
-def _fits(trims: list[Trim], V_0: float) -> TrimFits:
+def _fits(trims: list[Trim], V_0: float) -> dict[str, Any]:
     """Polynomials of `AutopilotGains`: least squares over the trims, exact for the first of them."""
     V, phi, gamma, alpha = (np.array([getattr(t, k) for t in trims]) for k in ("airspeed", "phi", "gamma", "alpha"))
     elevator, aileron, rudder, given = np.stack([t.controls for t in trims], axis=1)

@@ -264,8 +264,8 @@ def _inverse(Jx, Jy, Jz, Jxy, Jxz, Jyz) -> tuple[Number, ...]:
 
 
 @cache
-def nominal_numbers(craft: MultirotorParams, dt: float = math.inf) -> Any:
+def nominal_numbers(craft: MultirotorParams) -> Any:
     """Numbers of the vehicle file itself."""
     data = craft.model_dump()
     values = {key: float(value_at(data, key)) for key in varying_keys(craft)}
-    return multirotor_numbers(craft, values, dt)
+    return multirotor_numbers(craft, values, math.inf)
