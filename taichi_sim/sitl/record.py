@@ -60,13 +60,7 @@ class Stage:
         """Realisation of the sea [1]."""
         return self.around.env_sea
 
-    def elevation(self, envs: Tensor, north: Tensor, east: Tensor) -> Tensor:
-        """Elevation (m, up) now at points north, east [1, point] (m), in their shape."""
-        points = north.new_empty((north.numel(), 2))
-        points[:, 0], points[:, 1] = north[0], east[0]
-        phase = self.sea.phases(self.env_sea, self.time)
-        rows = self.env_sea.new_zeros(len(points))
-        return self.sea.elevation_at(points, rows, self.env_sea, phase).view(north.shape)
+    elevation = World.elevation
 
 
 class Frames:

@@ -348,7 +348,7 @@ def crash_stop(setting: Setting) -> Outcome:
             ("track reach over length", reach / basin.length, ""),
         ))  # fmt: skip
         if env == 0:
-            out.curves.append(_curve("astern", Track(track.t, *(c[: len(track.t)] for c in track[1:]))))
+            out.curves.append(_curve("astern", track))
     return out
 
 
