@@ -244,8 +244,7 @@ def _lid(hull: WettedSurface, size: float, away: float, inside: bool) -> Array:
             for i in range(n):
                 found.append([(x0, ya[i], 0), (x0, ya[i + 1], 0), (x1, yb[i + 1], 0), (x1, yb[i], 0)])
     panels = np.array(found, dtype=float).reshape(-1, 4, 3)
-    area = np.cross(panels[:, 2] - panels[:, 0], panels[:, 3] - panels[:, 1])[:, 2] / 2
-    return panels[np.abs(area) > 1e-3 * size**2]
+    return panels[np.abs(area_vectors(panels)[:, Z]) > 1e-3 * size**2]
 
 
 def _stations(edges: Array, x_first: float, x_last: float, size: float) -> Array:
