@@ -35,6 +35,20 @@ from taichi_sim.kernels.fast import exp
 from taichi_sim.kernels.random import SlowVariation, log
 
 Shape = Literal["pulse", "ramp"]
+Profile = Literal["log", "power", "uniform"]
+REFERENCE_HEIGHT = 10.0  # m; configurations give the wind at this height
+TWENTY_FEET = 6.096  # m; height of W20 in MIL-F-8785C
+LOWEST_HEIGHT = 0.1  # m; lower down, as in a wave trough, the wind is that at this height
+VON_KARMAN = 0.40
+CALM = 0.3  # m/s, end of Beaufort 0; a weaker wind does not make the sea smoother
+CHARNOCK_ITERATIONS = 100  # each iteration reduces the error to less than a quarter
+# Lowest and highest speed (m/s) at 10 m of Beaufort 0 to 12; force 12 has no highest (WMO-No. 306, Code Table 1100)
+BEAUFORT = (
+    (0.0, 0.2), (0.3, 1.5), (1.6, 3.3), (3.4, 5.4), (5.5, 7.9), (8.0, 10.7), (10.8, 13.8), (13.9, 17.1),
+    (17.2, 20.7), (20.8, 24.4), (24.5, 28.4), (28.5, 32.6), (32.7, 32.7),
+)  # fmt: skip
+FASTEST = 60.0  # m/s; a series with a higher speed is refused
+STREAM = 0xA1  # separates the wind's random numbers from others of the same seed
 
 
 class Gust(NamedTuple):
@@ -83,24 +97,6 @@ def gust_velocity(gust: ti.template(), position, time):
     factor = one_minus_cosine(gust.shape, s)
     a = ti.static(gust.amplitude)
     return ti.Vector([factor * a[0], factor * a[1], factor * a[2]])
-
-
-Profile = Literal["log", "power", "uniform"]
-
-REFERENCE_HEIGHT = 10.0  # m; configurations give the wind at this height
-TWENTY_FEET = 6.096  # m; height of W20 in MIL-F-8785C
-LOWEST_HEIGHT = 0.1  # m; lower down, as in a wave trough, the wind is that at this height
-VON_KARMAN = 0.40
-CALM = 0.3  # m/s, end of Beaufort 0; a weaker wind does not make the sea smoother
-CHARNOCK_ITERATIONS = 100  # each iteration reduces the error to less than a quarter
-
-# Lowest and highest speed (m/s) at 10 m of Beaufort 0 to 12; force 12 has no highest (WMO-No. 306, Code Table 1100)
-BEAUFORT = (
-    (0.0, 0.2), (0.3, 1.5), (1.6, 3.3), (3.4, 5.4), (5.5, 7.9), (8.0, 10.7), (10.8, 13.8), (13.9, 17.1),
-    (17.2, 20.7), (20.8, 24.4), (24.5, 28.4), (28.5, 32.6), (32.7, 32.7),
-)  # fmt: skip
-FASTEST = 60.0  # m/s; a series with a higher speed is refused
-STREAM = 0xA1  # separates the wind's random numbers from others of the same seed
 
 
 def beaufort_speed(force: int) -> float:

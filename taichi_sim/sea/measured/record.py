@@ -45,6 +45,12 @@ from taichi_sim.sea.spectrum import CALM_PERIOD, Components
 
 ROOM = 0.95  # largest fraction of the limits of the moments; above it, peaks are narrower than a buoy can resolve
 ANGLES = 1440  # cells of a table of directions, 0.25 degrees each
+JUMP = 1.2  # a larger ratio of successive frequency spacings is a change of band width
+STREAM = 0xE5  # separates the random numbers of designs from those of realisations
+FINE = 64  # points per band at which the shares are tabulated
+GOLDEN = (math.sqrt(5) - 1) / 2
+TOGETHER, STRATA = 64, 8  # realisations per design; strata of places among neighbouring quantiles
+TWO_PI = 2 * math.pi
 
 
 def direction_grid() -> np.ndarray:
@@ -80,9 +86,6 @@ def narrowed(c1: np.ndarray) -> np.ndarray:
 def normalised(density: np.ndarray) -> np.ndarray:
     """Scale each row of a table of directions [f, ANGLES] to an integral of 1."""
     return density / (density.sum(axis=1, keepdims=True) * (2 * np.pi / ANGLES))
-
-
-JUMP = 1.2  # a larger ratio of successive frequency spacings is a change of band width
 
 
 def band_edges(frequency: np.ndarray) -> np.ndarray:
@@ -181,13 +184,6 @@ class WaveRecord:
     def circular_deviation(self) -> float:
         """Circular standard deviation sqrt(2 (1 - r1)) of all waves, rad."""
         return (2 * (1 - abs(self.c1_of_all))) ** 0.5
-
-
-STREAM = 0xE5  # separates the random numbers of designs from those of realisations
-FINE = 64  # points per band at which the shares are tabulated
-GOLDEN = (math.sqrt(5) - 1) / 2
-TOGETHER, STRATA = 64, 8  # realisations per design; strata of places among neighbouring quantiles
-TWO_PI = 2 * math.pi
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,6 +32,8 @@ from taichi_sim.vehicle import Number
 
 DEG = math.pi / 180.0
 Limit = Annotated[float, Field(gt=0, le=90)]
+TURN = 2.0 * math.pi  # rad
+SECONDS_PER_MINUTE = 60.0
 
 
 class Actuators(Strict):
@@ -92,10 +94,6 @@ def advance(servos: ti.template(), p: ti.template(), dt: ti.template(), delta, c
         new[k] = delta[k] + change
         mean[k] = new[k] - kept[k] * change
     return new, mean
-
-
-TURN = 2.0 * math.pi  # rad
-SECONDS_PER_MINUTE = 60.0
 
 
 class ElectricPropeller(Strict):

@@ -33,6 +33,7 @@ TINY = 1e-30  # keeps 0 / 0 out of atan2(0, 0)
 ATTACHED, STALLED = -17.0, 17.0  # exponents beyond which the blend rounds to 0 and to 1 in f32
 LARGEST = 300.0  # exp(300)^2 is still finite in f64
 SQUARINGS = 6  # exp(x) = exp(x / 64)^64
+STILL = 1e-6  # m/s: below this speed the angle of attack is undefined, and forces are negligible
 
 
 @ti.func
@@ -93,9 +94,6 @@ def stall_blend(M: ti.template(), alpha0: ti.template(), alpha):
         x = growing * (growing + c2) + c2  # scaled by `growing`, which saves a division
         sigma = ti.select(near, x / (growing + x), 0.0)
     return sigma
-
-
-STILL = 1e-6  # m/s: below this speed the angle of attack is undefined, and forces are negligible
 
 
 @ti.func

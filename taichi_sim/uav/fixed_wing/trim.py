@@ -28,6 +28,12 @@ MAX_BANK = 1.45  # rad
 MAX_SIDESLIP = 0.5  # rad, for aircraft without rudder
 AT_LIMIT = 1e-3  # a search this close to a bound, as a fraction of the range, counts as stopped by it
 FIRST_THROTTLE = 0.6  # initial guess
+SMALL_MOTION = 1e-5  # step of the central differences of the linear model: m/s, rad, rad/s, 1
+LONGITUDINAL = ("u", "w", "q", "theta")
+LATERAL = ("v", "p", "r", "phi")
+RK4_REACH = 3.0  # |lambda dt| beyond which RK4 is unstable for every mode
+RK4_GRID = 30001
+GROWTH = 1e-9  # growth per step that counts as rounding
 
 
 @dataclass(frozen=True)
@@ -244,14 +250,6 @@ def air_readings(state: Tensor, wind: Tensor) -> Tensor:
 
 def _to_body(v_n: Tensor, q: Tensor) -> Tensor:
     return (torch_rotation_matrix(q).mT @ v_n.unsqueeze(-1)).squeeze(-1)
-
-
-SMALL_MOTION = 1e-5  # step of the central differences of the linear model: m/s, rad, rad/s, 1
-LONGITUDINAL = ("u", "w", "q", "theta")
-LATERAL = ("v", "p", "r", "phi")
-RK4_REACH = 3.0  # |lambda dt| beyond which RK4 is unstable for every mode
-RK4_GRID = 30001
-GROWTH = 1e-9  # growth per step that counts as rounding
 
 
 @dataclass(frozen=True)

@@ -60,6 +60,19 @@ from taichi_sim.uav.multirotor.params import MultirotorParams
 AXES = ("thrust", "roll", "pitch", "yaw")
 REACHED = 1e-6  # largest residual of a least-squares solution for a unit of thrust or moment
 SMALLEST = 1e-9  # N: a thrust below it does not bound a scale
+RATE_ACTIONS = ("thrust", "roll_rate", "pitch_rate", "yaw_rate")
+VELOCITY_ACTIONS = ("forward", "right", "down", "yaw_rate")
+CLIMB_SHARE = 0.9  # share of the rotors' largest thrust for following velocities; the rest is for attitude
+LEAST_LIFT = 0.3  # least vertical thrust over the weight
+UPRIGHT = 1e-3  # least 1 + e_z: keeps the rates of an aircraft that is upside down finite
+FARTHEST = 0.5  # sine of the largest angle between the held heading and the nose
+IDLE_FROM = 0.5  # fraction of `descent` from which rotors ease off on a deck; assumed
+EASED = 0.5  # share of the weight that the rotors carry until all soles are down; assumed
+NOSE = 1e-6  # least horizontal part of the nose's direction: straight up or down there is no heading
+ZETA = 0.8  # damping of every loop: overshoot of 1.5 %
+INTEGRAL = 8.0  # square of a loop's gain over the gain of its integral: costs 7 deg of phase at crossover
+FREQUENCIES = np.geomspace(1e-2, 1e3, 20001)  # rad/s, grid for the bandwidths
+HALF_POWER = 1 / math.sqrt(2)
 
 
 class RotorAllocation(NamedTuple):
@@ -160,17 +173,6 @@ def allocate(a: ti.template(), T, M, low, high):
     for k in ti.static(range(N)):
         f[k] = ti.max(ti.min(f[k] + part * yaw[k], high), low)
     return f, scale, part
-
-
-RATE_ACTIONS = ("thrust", "roll_rate", "pitch_rate", "yaw_rate")
-VELOCITY_ACTIONS = ("forward", "right", "down", "yaw_rate")
-CLIMB_SHARE = 0.9  # share of the rotors' largest thrust for following velocities; the rest is for attitude
-LEAST_LIFT = 0.3  # least vertical thrust over the weight
-UPRIGHT = 1e-3  # least 1 + e_z: keeps the rates of an aircraft that is upside down finite
-FARTHEST = 0.5  # sine of the largest angle between the held heading and the nose
-IDLE_FROM = 0.5  # fraction of `descent` from which rotors ease off on a deck; assumed
-EASED = 0.5  # share of the weight that the rotors carry until all soles are down; assumed
-NOSE = 1e-6  # least horizontal part of the nose's direction: straight up or down there is no heading
 
 
 @dataclass(frozen=True)
@@ -285,12 +287,6 @@ def rotor_thrusts(
     cut = ti.static(g.yaw_rate_integral / g.yaw_rate) * (yawed - 1.0) * alpha[2]
     new[2] += dt * (g.yaw_rate_integral * error[2] + cut)
     return f, new
-
-
-ZETA = 0.8  # damping of every loop: overshoot of 1.5 %
-INTEGRAL = 8.0  # square of a loop's gain over the gain of its integral: costs 7 deg of phase at crossover
-FREQUENCIES = np.geomspace(1e-2, 1e3, 20001)  # rad/s, grid for the bandwidths
-HALF_POWER = 1 / math.sqrt(2)
 
 
 class Bandwidths(NamedTuple):

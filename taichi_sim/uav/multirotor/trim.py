@@ -45,6 +45,9 @@ PHI, THETA, SPECIFIC, MOMENT, LEFT, SPEEDS = 0, 1, 2, 5, 8, 9
 """Columns of a solution: roll, pitch (rad), specific thrust (3, m/s^2, n), moment of the thrusts (3, N m, b), what is
 left of the accelerations (m/s^2, rad/s^2), rotor speeds (rad/s).
 """
+STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta")
+PLANES = {"pitch": ("u", "q", "theta"), "roll": ("v", "p", "phi"), "heave": ("w",), "yaw": ("r",)}
+SLOWEST = 1e-9  # 1/s: a smaller eigenvalue is zero within rounding
 
 
 @dataclass(frozen=True)
@@ -209,11 +212,6 @@ def show(craft: MultirotorParams, aux: Tensor, state: Tensor, around: Surroundin
 def _velocity_n(state: Tensor) -> Tensor:
     """Velocity over ground [.., 3] (n, m/s) of `state` [.., 13]."""
     return (torch_rotation_matrix(state[..., QUATERNION]) @ state[..., VELOCITY].unsqueeze(-1)).squeeze(-1)
-
-
-STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta")
-PLANES = {"pitch": ("u", "q", "theta"), "roll": ("v", "p", "phi"), "heave": ("w",), "yaw": ("r",)}
-SLOWEST = 1e-9  # 1/s: a smaller eigenvalue is zero within rounding
 
 
 @dataclass(frozen=True)

@@ -56,6 +56,23 @@ from taichi_sim.usv.hull.params import diagonal, symmetric, vector
 from taichi_sim.usv.vessel import wind_forces
 from taichi_sim.vehicle import edge
 
+Array = NDArray[np.float64]
+LARGEST, HALVINGS = 10.0, 40  # s, largest step considered; halvings of the bisection
+AUX = (
+    "label_north", "label_east", "label_change_north", "label_change_east",
+    "pressure_x", "pressure_y", "pressure_z", "drag_x", "drag_y", "drag_z",
+    "wind_x", "wind_y", "wind_z",
+    "u_dot", "v_dot", "w_dot", "p_dot", "q_dot", "r_dot",
+)  # fmt: skip
+"""Displacement of the label under the hull (water.py) and its change in a step (m), forces in the last step (N, b), and
+nu_dot in that step (m/s^2, rad/s^2). The columns of the thrusters (thruster_set.py), of the pressure heads
+(pressure.py) and of the radiation's memory (radiation.py) follow."""
+LABEL, LABEL_CHANGE, PRESSURE, DRAG, WIND_FORCE, NU_DOT = map(
+    AUX.index, ("label_north", "label_change_north", "pressure_x", "drag_x", "wind_x", "u_dot")
+)
+CONTROLS = len(AUX)
+"""First column of each group."""
+
 
 @ti.func
 def down(R):
@@ -133,23 +150,6 @@ def wind_load(height: ti.template(), p: ti.template(), R, nu, air):
         f = wind_forces(p, met[0], met[1])
         tau = ti.Vector([f[0], f[1], 0.0, height * f[1], -height * f[0], f[2]])
     return tau
-
-
-AUX = (
-    "label_north", "label_east", "label_change_north", "label_change_east",
-    "pressure_x", "pressure_y", "pressure_z", "drag_x", "drag_y", "drag_z",
-    "wind_x", "wind_y", "wind_z",
-    "u_dot", "v_dot", "w_dot", "p_dot", "q_dot", "r_dot",
-)  # fmt: skip
-"""Displacement of the label under the hull (water.py) and its change in a step (m), forces in the last step (N, b), and
-nu_dot in that step (m/s^2, rad/s^2). The columns of the thrusters (thruster_set.py), of the pressure heads
-(pressure.py) and of the radiation's memory (radiation.py) follow."""
-
-LABEL, LABEL_CHANGE, PRESSURE, DRAG, WIND_FORCE, NU_DOT = map(
-    AUX.index, ("label_north", "label_change_north", "pressure_x", "drag_x", "wind_x", "u_dot")
-)
-CONTROLS = len(AUX)
-"""First column of each group."""
 
 
 @ti.func
@@ -244,10 +244,6 @@ def runge_kutta(hull: ti.template(), p: ti.template(), y, controls, command, loa
         total += ti.select(stage % 3 == 0, 1.0, 2.0) * slope
     pos, q, nu = unpack(y + ti.static(hull.dt / 6) * total)
     return pos, q / q.norm(), nu
-
-
-Array = NDArray[np.float64]
-LARGEST, HALVINGS = 10.0, 40  # s, largest step considered; halvings of the bisection
 
 
 def linear_motion(M: Array, D: Array, G: Array) -> Array:
