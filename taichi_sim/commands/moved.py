@@ -72,6 +72,7 @@ MOVED = {
     "rl.missions.formation.starts": "rl.missions.formation.worlds",
     "rl.missions.formation.flyable": "rl.missions.formation.worlds",
     "rl.missions.formation.team": "rl.missions.formation.mission",
+    "rl.learn.joint": "rl.learn.env",
     "taichi_sim.plotting.style": "taichi_sim.plotting",
     "taichi_sim.usv.hull.shapes": "taichi_sim.usv.hull.mesh",
     "taichi_sim.usv.hull.gauge": "taichi_sim.usv.hull.geometry",
