@@ -17,8 +17,7 @@ from rl.missions.landing.known import KnownDeck
 from rl.missions.landing.marker import Look
 from rl.missions.landing.mission import Landing
 from rl.missions.landing.pilots import ABOVE, HIGH
-from rl.planning.config import PlanConfig
-from rl.planning.honest import HonestPlanner
+from rl.planning.planner import HonestPlanner, PlanConfig
 from taichi_sim.config import ConfigError
 
 CALM = (

@@ -27,7 +27,7 @@ from rl.perception.contacts import SensorsConfig, TrackedContacts
 from rl.perception.instruments import Readings
 from rl.perception.radio import Radio
 from rl.perception.sensors import Nearby, Sensor
-from rl.planning.honest import write_obstacles_as_bodies
+from rl.planning.planner import write_obstacles_as_bodies
 from rl.team import Controller
 from taichi_sim.config import AirConfig, SeaConfig
 from taichi_sim.config.io import validate
@@ -375,7 +375,7 @@ def imagined_scenario(config: FormationScenario, name: str) -> FormationScenario
 
 
 class ImaginedFormation(Formation):
-    """The model in which an honest planner (rl/planning/honest.py) tries plans of one team.
+    """The model in which an honest planner (rl/planning/planner.py) tries plans of one team.
 
     It has nominal vehicles, calm water, the scenario's mean wind and current, exact sensors and no radio. Track, target
     and slots are the plan, which all vehicles know. Its obstacles are those that the vehicles sense; they keep their

@@ -1,4 +1,4 @@
-"""What an honest planner (rl/planning/honest.py) tries plans of the aircraft in: a world built from what they know.
+"""What an honest planner (rl/planning/planner.py) tries plans of the aircraft in: a world built from what they know.
 
 The model has nominal aircraft at the states that they measure, a steady wind, exact instruments, and decks that move as
 foreseen, whatever stands on them. A deck is where the aircraft knows it to be (known.py). How it goes on moving is
