@@ -77,6 +77,7 @@ MOVED = {
     "rl.planning.honest": "rl.planning.planner",
     "rl.planning.config": "rl.planning.planner",
     "rl.learn.joint": "rl.learn.env",
+    "rl.processes.wires": "rl.processes",
     "taichi_sim.plotting.style": "taichi_sim.plotting",
     "taichi_sim.usv.hull.shapes": "taichi_sim.usv.hull.mesh",
     "taichi_sim.usv.hull.gauge": "taichi_sim.usv.hull.geometry",
