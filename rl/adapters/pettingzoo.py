@@ -20,8 +20,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Space
 from torch import Tensor
 
-from rl.adapters.agents import Agents
-from rl.adapters.batched import BatchedEnv
+from rl.adapters.batched import Agents, BatchedEnv
 from rl.adapters.render import MODES, Pictures, frames_per_second
 from rl.mission import Mission
 from taichi_sim.config.base import MissingExtraError

@@ -19,7 +19,7 @@ from rl.judge import Episodes, Judge
 from rl.learn.policy import Policy
 from rl.mission import Mission
 from rl.missions import find_mission
-from rl.runs.records import EvaluationResult
+from rl.runs.folder import EvaluationResult
 from rl.scenario import Scenario, derive_seed
 from taichi_sim.config import ConfigError
 from taichi_sim.kernels import runtime

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from rl.evaluation.episode_log import save_log
 from rl.evaluation.episodes import SHOWN, EvaluationOutcome, shown_numbers
 from rl.runs import folder as run_folder
-from rl.runs.folder import RunError
-from rl.runs.records import EvaluationResult
+from rl.runs.folder import EvaluationResult, RunError
 
 FOLDER, HEADROOM = "evaluation", "headroom.json"
 CONTROLLERS = ("policy", "classical", "oracle", "honest")

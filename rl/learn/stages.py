@@ -29,7 +29,7 @@ from rl.missions import make_mission
 from rl.scenario import Scenario, StageConfig, at_stage, derive_seed
 
 if TYPE_CHECKING:
-    from rl.runs.records import Batch, StageResult, Verdict
+    from rl.runs.folder import Batch, StageResult, Verdict
 
 Judged = Callable[[Mapping[str, TrainedPolicy]], float]
 """Loss of a set of policies, team -> policy; it decides whether a stage with `keep = "better"` is kept."""

@@ -26,7 +26,7 @@ from rl.learn.progress import HISTORY, read_history, spent
 from rl.learn.stages import train_stages
 from rl.mission import ControllerError
 from rl.runs import folder as run_folder
-from rl.runs.records import EvaluationResult, Summary
+from rl.runs.folder import EvaluationResult, Summary
 from rl.scenario import Scenario, derive_seed
 from taichi_sim.config import ConfigError
 from taichi_sim.film.files import write_strip

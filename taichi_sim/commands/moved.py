@@ -7,7 +7,7 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 
 ADAPTERS = {
-    "gym": "gymnasium", "batched": "batched", "agents": "agents", "sb3": "sb3", "parallel": "pettingzoo",
+    "gym": "gymnasium", "batched": "batched", "agents": "batched", "sb3": "sb3", "parallel": "pettingzoo",
     "skrl_env": "skrl", "marl": "marl", "others": "batched", "render": "render",
 }  # fmt: skip
 MOVED = {
@@ -38,7 +38,8 @@ MOVED = {
     "rl.runs.measured": "rl.runs.folder",
     "rl.runs.evaluation": "rl.evaluation.episodes",
     "rl.runs.report": "rl.evaluation.report",
-    "rl.runs.sweep": "rl.evaluation.sweep",
+    "rl.runs.sweep": "rl.evaluation.sweeps",
+    "rl.evaluation.sweep": "rl.evaluation.sweeps",
     "taichi_sim.maths": "taichi_sim.kernels",
     "taichi_sim.packs": "taichi_sim.kernels.packs",
     "taichi_sim.kinematics": "taichi_sim.kernels.rotation",
@@ -72,6 +73,9 @@ MOVED = {
     "rl.missions.formation.starts": "rl.missions.formation.worlds",
     "rl.missions.formation.flyable": "rl.missions.formation.worlds",
     "rl.missions.formation.team": "rl.missions.formation.mission",
+    "rl.adapters.agents": "rl.adapters.batched",
+    "rl.runs.records": "rl.runs.folder",
+    "rl.evaluation.reel": "rl.evaluation.record",
     "rl.learn.perceptron": "rl.learn.ppo",
     "rl.planning.improvement": "rl.learn.improvement",
     "rl.planning.honest": "rl.planning.planner",

@@ -10,8 +10,7 @@ from rl.evaluation.headroom import headroom, read_bounds
 from rl.evaluation.intervals import Interval, differences, intervals
 from rl.evaluation.report.sources import Run
 from rl.evaluation.store import StoredEvaluation
-from rl.runs.folder import CONFIG
-from rl.runs.records import StageResult
+from rl.runs.folder import CONFIG, StageResult
 from taichi_sim.config.io import toml_text
 from taichi_sim.plotting import moving_mean
 from taichi_sim.plotting.page import COLOURS, blank, folded, missing, panel, paragraph, svg, table, text

@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 from rl.evaluation.episode_log import Crash, Excerpt, load_log
 from rl.evaluation.episodes import mission_class
 from rl.evaluation.store import CONTROLLERS, StoredEvaluation, load_evaluation, load_headroom, log_file
-from rl.evaluation.sweep.config import FOLDER
-from rl.evaluation.sweep.run import JSON
+from rl.evaluation.sweeps import FOLDER, JSON, SweepTable
 from rl.judge import Judge
 from rl.learn.progress import HISTORY, read_history
 from rl.mission import Histories
 from rl.runs import folder as run_folder
-from rl.runs.records import Meta, Summary, SweepTable
+from rl.runs.folder import Meta, Summary
 from rl.scenario import Scenario
 
 STRIP = "episode.webp"  # pictures of the recorded episode in a row

@@ -8,8 +8,7 @@ from matplotlib.axes import Axes
 from rl.evaluation.intervals import Interval
 from rl.evaluation.report.about import number
 from rl.evaluation.report.sources import Run
-from rl.evaluation.sweep.run import named, value_text
-from rl.runs.records import AxisTable, CellRow, SweepTable
+from rl.evaluation.sweeps import AxisTable, CellRow, SweepTable, named, value_text
 from taichi_sim.plotting.page import COLOURS, blank, folded, missing, panel, paragraph, svg, table, text
 
 FEW = 8  # up to this many values get a tick each
