@@ -18,8 +18,7 @@ from rl.evaluation.episodes import (
 from rl.evaluation.headroom import judge_on_bounds, read_bounds
 from rl.evaluation.record import record_episode
 from rl.evaluation.report import write_report
-from rl.evaluation.report.sources import STRIP
-from rl.evaluation.store import save_evaluation, save_headroom
+from rl.evaluation.store import STRIP, save_evaluation, save_headroom
 from rl.learn.env import Watch
 from rl.learn.policy import Policy, load_policy, policies_of
 from rl.learn.progress import HISTORY, read_history, spent

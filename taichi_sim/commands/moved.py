@@ -73,6 +73,8 @@ MOVED = {
     "rl.missions.formation.starts": "rl.missions.formation.worlds",
     "rl.missions.formation.flyable": "rl.missions.formation.worlds",
     "rl.missions.formation.team": "rl.missions.formation.mission",
+    "rl.evaluation.report.sweeps": "rl.evaluation.report.about",
+    "rl.evaluation.report.sources": "rl.evaluation.store",
     "rl.adapters.agents": "rl.adapters.batched",
     "rl.runs.records": "rl.runs.folder",
     "rl.evaluation.reel": "rl.evaluation.record",
