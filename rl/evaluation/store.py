@@ -44,7 +44,7 @@ class EvaluationConditions(NamedTuple):
 class StoredEvaluation(NamedTuple):
     """An evaluation in a run's folder."""
 
-    result: EvaluationResult  # what `evaluate` returned
+    result: EvaluationResult
     conditions: EvaluationConditions
     episodes: dict[str, dict[str, NDArray[np.float64]]]  # team -> name -> [episode]
 

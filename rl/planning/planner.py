@@ -201,7 +201,8 @@ class Planner:
             action = self._action(team, self._at(knots, k))
             if self._proposal is not None:
                 action = torch.where(own, self._proposal(team), action)
-            joint = {other: self._policy_of(other)(of) for other, of in model.teams.items() if other != name}
+            others = ((other, of) for other, of in model.teams.items() if other != name)
+            joint = {other: self._others.get(other, _classical)(of) for other, of in others}
             step = model.step({**joint, name: action})
             now = step.endings[name].any
             cost += model.plan_cost(team, now & ~ended)
@@ -220,10 +221,6 @@ class Planner:
     def _view(self, team: Any) -> Any:
         """What the controller acts by: the team as it is."""
         return team
-
-    def _policy_of(self, other: str) -> Any:
-        """What another team is taken to act by: by default its classical controller."""
-        return self._others.get(other, _classical)
 
     # -- models and knots ------------------------------------------------------------------------------------------
 

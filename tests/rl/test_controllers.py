@@ -10,7 +10,7 @@ import torch
 from small_missions import TEAMS
 from torch import Tensor
 
-from rl.evaluation.episodes import evaluate
+from rl.evaluation.episodes import judge_episodes
 from rl.guidance import avoidance, geometry
 from rl.guidance.controllers.sampled import held, place_poles
 from rl.learn.policy import ClassicalPolicy, policies_of
@@ -167,7 +167,7 @@ def test_baseline_is_strong():
     """Centimetres in the paper's scenario: the hull's own tilt tells the push of the waves."""
     config = load_scenario("paper", ["episode_duration=20", "evaluation.settle=15", "obstacles.count=0"])
     policies = policies_of("classical", Path(), config)
-    teams = evaluate(config, policies, episodes=8, seed=7, show_progress=False)["teams"]
+    teams = judge_episodes(config, policies, episodes=8, seed=7, show_progress=False).result["teams"]
     assert teams["usv"]["leader_error_rms_m"] < 0.05
     assert teams["usv"]["follower_error_rms_m"] < 0.1
     assert teams["uav"]["leader_error_rms_m"] < 0.02

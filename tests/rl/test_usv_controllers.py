@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from rl.evaluation.episodes import evaluate
+from rl.evaluation.episodes import judge_episodes
 from rl.guidance import avoidance
 from rl.guidance.controllers.vessel import Hull6DofController, Load, Resistance, hull_dynamics, loops, shaft, shares
 from rl.learn.policy import ClassicalPolicy
@@ -282,7 +282,8 @@ def test_baseline_is_strong():
             "usv.control={}",
         ],
     )
-    team = evaluate(config, {"usv": ClassicalPolicy()}, episodes=16, seed=7, show_progress=False)["teams"]["usv"]
+    outcome = judge_episodes(config, {"usv": ClassicalPolicy()}, episodes=16, seed=7, show_progress=False)
+    team = outcome.result["teams"]["usv"]
     assert team["leader_error_rms_m"] < 0.3
     assert team["follower_error_rms_m"] < 0.4
     assert team["collision_free_episodes"] == 1.0

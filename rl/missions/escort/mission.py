@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from rl.course.obstacles import RADIUS, TOP, Bodies
-from rl.guidance.controllers import CONTROLLERS
+from rl.guidance.controllers import controller_of
 from rl.guidance.shapes import escort_offsets
 from rl.mission import Endings, Frame, Histories, Mission, Step
 from rl.missions.escort import rewards
@@ -278,8 +278,7 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
         if isinstance(team, EscortAircraft):
             flies = isinstance(model, FixedWing6DOF)
             return OrbitController(model, validate(OrbitGains, gains, key)) if flies else None
-        kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
-        return None if kind is None else kind(model, validate(kind.Gains, gains, key))
+        return controller_of(model, gains, key)
 
 
 MISSION = Escort

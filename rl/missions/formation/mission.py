@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from rl.course.obstacles import ROWS, Bodies
-from rl.guidance.controllers import CONTROLLERS
+from rl.guidance.controllers import controller_of
 from rl.guidance.geometry import Geometry, SlotErrors, Target, Targets
 from rl.guidance.knowledge import Knowledge
 from rl.guidance.observations import ObservationWriter
@@ -30,7 +30,6 @@ from rl.perception.sensors import Nearby, Sensor
 from rl.planning.planner import write_obstacles_as_bodies
 from rl.team import Controller
 from taichi_sim.config import AirConfig, SeaConfig
-from taichi_sim.config.io import validate
 from taichi_sim.conventions import DOWN
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
@@ -348,11 +347,7 @@ class Formation(Mission[FormationScenario, TeamTask]):
         own = super().controller(team)
         if own is not None:
             return own
-        model = team.fleet.model
-        kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
-        if kind is None:
-            return None
-        return kind(model, validate(kind.Gains, dict(team.section.control), f"{team.name}.control"))
+        return controller_of(team.fleet.model, team.section.control, f"{team.name}.control")
 
 
 def imagined_scenario(config: FormationScenario, name: str) -> FormationScenario:
