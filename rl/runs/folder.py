@@ -353,17 +353,15 @@ def describe_machine() -> Software:
 
 
 def _git_commit() -> str | None:
-    folder = Path(__file__).resolve().parent
+    def git(*words: str) -> str:
+        folder = Path(__file__).resolve().parent
+        done = subprocess.run(["git", *words], cwd=folder, capture_output=True, text=True, timeout=5, check=True)
+        return done.stdout.strip()
+
     try:
-        commit = subprocess.run(
-            ["git", "rev-parse", "HEAD"], cwd=folder, capture_output=True, text=True, timeout=5, check=True
-        ).stdout.strip()
-        dirty = subprocess.run(
-            ["git", "status", "--porcelain"], cwd=folder, capture_output=True, text=True, timeout=5, check=True
-        ).stdout.strip()
+        return git("rev-parse", "HEAD") + ("+changes" if git("status", "--porcelain") else "")
     except (OSError, subprocess.SubprocessError):
         return None
-    return commit + ("+changes" if dirty else "")
 
 
 def measured_files(config: Scenario) -> dict[str, list[Path]]:

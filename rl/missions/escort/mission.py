@@ -212,8 +212,7 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
 
     def begin_each(self) -> None:
         """Begin environment e on world e and sea e."""
-        numbers = torch.arange(self.num_envs, device=self.device)
-        self.reset(seas=numbers % self.world.sea.num_seas, worlds=numbers)
+        self.reset(seas=self._all % self.world.sea.num_seas, worlds=self._all)
 
     # -- logs, recordings, controllers -----------------------------------------------------------------------------
 

@@ -205,11 +205,6 @@ class Formation(Mission[FormationScenario, TeamTask]):
         )  # fmt: skip
         return {name: TeamTask(self, name, self.targets) for name in names}
 
-    @property
-    def progress(self) -> Tensor:
-        """[env] m of the targets along their tracks."""
-        return self.targets.progress
-
     # -- one step --------------------------------------------------------------------------------------------------
 
     def measure(self) -> None:
@@ -256,7 +251,7 @@ class Formation(Mission[FormationScenario, TeamTask]):
         worlds = self.draw(self.tracks.worlds, n) if worlds is None else worlds
         starts = self.draw(PER_WORLD, n) if starts is None else starts
         self.env_world[envs] = worlds
-        self.progress[envs] = self.starts.progress[worlds, starts]
+        self.targets.progress[envs] = self.starts.progress[worlds, starts]
         self.bodies.begin(envs, worlds, starts, self.world.current.velocity)
         self.targets.move(self.which, n)
         aloft = self.world.wind.velocity.index_select(0, envs)[:, :2] * self.wind_factor  # at the flight height
@@ -280,9 +275,8 @@ class Formation(Mission[FormationScenario, TeamTask]):
 
     def begin_each(self) -> None:
         """Environment e begins on world e and sea e."""
-        numbers = torch.arange(self.num_envs, device=self.device)
-        seas = numbers % self.world.sea.num_seas
-        self.reset(seas=seas, worlds=numbers, starts=torch.zeros_like(numbers))
+        seas = self._all % self.world.sea.num_seas
+        self.reset(seas=seas, worlds=self._all, starts=torch.zeros_like(self._all))
 
     # -- what others ask -------------------------------------------------------------------------------------------
 
