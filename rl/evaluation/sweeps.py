@@ -15,7 +15,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from itertools import chain, product
 from pathlib import Path
 from typing import Annotated, NamedTuple, TextIO, TypedDict
@@ -154,12 +154,7 @@ def count_cells(sweep: Sweep) -> int:
 
 
 def cells(sweep: Sweep, config: Scenario, file: Path) -> Iterator[Cell]:
-    """All cells in order.
-
-    Args:
-        sweep: the sweep.
-        config: the run's scenario.
-        file: the sweep's file, for error messages.
+    """All cells for a run's scenario in order; `file` is the sweep's, for error messages.
 
     Raises:
         ConfigError: before the first cell, if no scenario has one of the keys.
@@ -269,8 +264,8 @@ class CellRow(CellResult):
     set: list[str]  # KEY=VALUE
 
 
-class SweepAbout(TypedDict):
-    """sweep.json without its cells."""
+class SweepTable(TypedDict):
+    """sweep.json."""
 
     sweep: str
     scenario: str
@@ -279,11 +274,6 @@ class SweepAbout(TypedDict):
     opponent: str
     grid: bool
     axes: list[AxisTable]
-
-
-class SweepTable(SweepAbout):
-    """sweep.json."""
-
     cells: list[CellRow]
 
 
@@ -305,16 +295,9 @@ class Contest(NamedTuple):
 def run_sweep(
     sweep: Sweep, file: Path, contest: Contest, *, show_progress: bool = True, tell: Callable[[str], None] = TELL
 ) -> Path:
-    """Run a sweep; return the folder of its tables.
+    """Run a sweep, the content of `file`; return the folder of its tables.
 
-    Processes (rl/processes) share the cells; rank 0 writes.
-
-    Args:
-        sweep: the content of `file`.
-        file: the sweep's file.
-        contest: the controllers to compare.
-        show_progress: show a progress bar.
-        tell: called with an estimate of the remaining time.
+    Processes (rl/processes) share the cells; rank 0 writes. `tell` is called with an estimate of the remaining time.
 
     Raises:
         ConfigError: if the sweep has the seed of the evaluation or of the training, or a key that no scenario has.
@@ -365,11 +348,11 @@ def run_sweep(
     if place.first:
         rows = [CellRow(values=cell.values, set=list(cell.overrides), **done[key]) for key, cell in keyed]
         axes = [AxisTable(name=a.name, unit=a.unit, values=[a.label(v) for v in a.values]) for a in sweep.axis]
-        about = SweepAbout(
+        table = SweepTable(
             sweep=name, scenario=config.name, seed=sweep.seed, episodes=sweep.episodes, opponent=opponent,
-            grid=sweep.grid, axes=axes,
+            grid=sweep.grid, axes=axes, cells=rows,
         )  # fmt: skip
-        write_tables(out, about, rows)
+        write_tables(out, table)
     return out
 
 
@@ -448,16 +431,16 @@ def _read(lines: TextIO) -> dict[str, CellResult]:
     return done
 
 
-def write_tables(out: Path, about: SweepAbout, rows: Sequence[CellRow]) -> None:
-    """Write `about` and the cells' `rows` (run.py) to `sweep.json`, and the same to `sweep.csv`."""
-    run_folder.write_json(out / JSON, {**about, "cells": list(rows)})
+def write_tables(out: Path, table: SweepTable) -> None:
+    """Write `table` to `sweep.json` and to `sweep.csv`."""
+    run_folder.write_json(out / JSON, table)
     with replacing(out / CSV) as part, part.open("w", newline="", encoding="utf-8") as file:
-        names = [axis["name"] for axis in about["axes"]]
+        names = [axis["name"] for axis in table["axes"]]
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow([*names, "team", "controller", "figure", "value", "low", "high", "cannot be"])
-        for row in rows:
+        for row in table["cells"]:
             values = [value_text(row["values"].get(name, "")) for name in names]
-            writer.writerows([*values, *line] for line in _lines(row, about["opponent"]))
+            writer.writerows([*values, *line] for line in _lines(row, table["opponent"]))
 
 
 def value_text(value: object) -> str:

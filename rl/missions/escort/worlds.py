@@ -16,20 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
-from rl.course.obstacles import (
-    AWAY,
-    BOTTOM,
-    CARRIED,
-    CROSSING_ANGLE,
-    EAST,
-    NORTH,
-    RADIUS,
-    ROWS,
-    TOP,
-    V_EAST,
-    V_NORTH,
-    Cylinder,
-)
+from rl.course.obstacles import AWAY, CROSSING_ANGLE, NORTH, ROWS, Cylinder
 from rl.guidance.geometry import strongest_wind
 from rl.missions.escort.config import ROOM, EscortScenario
 from taichi_sim.config import ConfigError
@@ -179,10 +166,8 @@ def _moving(config, taken, middle, bearing, far, near, uniform) -> Tensor:
             begin = (1 - share).unsqueeze(-1) * middle - when.unsqueeze(-1) * velocity
             clear = ((taken - begin.unsqueeze(1)).norm(dim=-1) > (radius + 2 * ROOM).unsqueeze(-1)).all(-1)
             fits = missing & clear & ~near
-            body = torch.zeros(n, ROWS)
-            body[:, NORTH], body[:, EAST], body[:, RADIUS] = *begin.unbind(-1), radius
-            body[:, BOTTOM], body[:, TOP] = 0.0, LOWEST
-            body[:, V_NORTH], body[:, V_EAST], body[:, CARRIED] = *velocity.unbind(-1), 0.0
+            heights = torch.zeros(n), torch.full((n,), LOWEST)
+            body = torch.stack((*begin.unbind(-1), radius, *heights, *velocity.unbind(-1), torch.zeros(n)), dim=-1)
             found[..., k] = torch.where(fits.unsqueeze(-1), body, found[..., k])
             missing &= ~fits
             if not missing.any():
