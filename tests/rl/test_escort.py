@@ -178,7 +178,7 @@ def test_aircraft_measure_and_observe_what_plain_torch_does():
     turn, radius = team.orbit.turn, team.orbit.radius
     everywhere = torch.ones(mission.num_envs, dtype=torch.int32)
     team._errors.measure(everywhere, mission.num_envs)
-    known._circle.listen(everywhere, mission.num_envs)
+    known.circle.listen(everywhere, mission.num_envs)
 
     x = team.fleet.position_n - torch.cat((mission.vessel_place, torch.zeros(4, 1)), dim=-1).unsqueeze(1)
     off = torch.hypot(x[..., :2].norm(dim=-1) - radius, x[..., 2] - team.down)

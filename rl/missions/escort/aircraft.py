@@ -104,12 +104,12 @@ class EscortAircraft(ResidualTeam):
     @property
     def layout(self) -> Mapping[str, int]:
         """Terms of its observations and their widths (circling.py)."""
-        return self.measured.widths
+        return self.measured.circle.widths
 
     def observe(self) -> Tensor:
         """Observations [env, aircraft, n], a fresh tensor each time."""
         with runtime.torch_at_rest():
-            return self.measured.observe(self.action, self.reference())
+            return self.measured.circle.observe(self.action, self.reference())
 
     @property
     def privileged(self) -> Tensor | None:
@@ -137,7 +137,7 @@ class MeasuredAircraft:
         believed: [env, aircraft, 2] the place that a camera on a gimbal looks at, m.
         gap_error: [env, aircraft] (rad) from the aircraft that have been heard.
         height_error: [env, aircraft] (m, down) height to be held less own height.
-        target: the tangent of the circle at each aircraft.
+        target: the tangent of the circle at each aircraft. circle: writes what they know, and observations of it.
     """
 
     STATE = ("target", "now", "centre_velocity", "gap_error", "height_error", "sensor", "_boats", "_farthest")
@@ -162,7 +162,7 @@ class MeasuredAircraft:
         self.believed = self.centre
         self.gap_error, self.height_error = state.new_zeros(state.shape[:2]), state.new_zeros(state.shape[:2])
         self._boats, self._farthest = (state.new_zeros((*state.shape[:2], n)) for n in (2, 1))
-        self._circle = CircleKnowledge(self, team, form)
+        self.circle = CircleKnowledge(self, team, form)
 
     @property
     def steps(self) -> Tensor:
@@ -172,22 +172,13 @@ class MeasuredAircraft:
     def measure(self, which: Tensor, rows: int) -> None:
         """Measure in environments `which` [env] int32, `rows` of them."""
         team = self._team
-        self._circle.listen(which, rows)
+        self.circle.listen(which, rows)
         self.sensor.update(which, rows, self.steps, team.mission.noise.table)
 
     @property
     def boats(self) -> tuple[Tensor, Tensor]:
         """Mean place of the boats heard [env, aircraft, 2] and distance to the farthest [env, aircraft, 1], m, or 0."""
         return self._boats, self._farthest
-
-    @property
-    def widths(self) -> Mapping[str, int]:
-        """Terms of the observations and their widths."""
-        return self._circle.widths
-
-    def observe(self, action: Tensor, reference: Tensor | None) -> Tensor:
-        """Observations [env, aircraft, n], a fresh tensor (circling.py)."""
-        return self._circle.observe(action, reference)
 
 
 def scout_observers(mission: "Escort", name: str, first: int) -> ObserverGroup:
