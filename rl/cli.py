@@ -106,7 +106,7 @@ def open_run(args: argparse.Namespace):
 
 def open_both(args: argparse.Namespace):
     """Start Taichi; return the controllers that a sweep of `args.run` compares."""
-    from rl.evaluation.sweep.run import Contest
+    from rl.evaluation.sweeps import Contest
     from rl.learn.policy import policies_of
     from rl.missions import load_scenario
     from rl.runs import folder as run_folder

@@ -60,8 +60,7 @@ def units(args: argparse.Namespace) -> int:
         ConfigError, RunError: if the arguments cannot be used.
     """
     from rl.evaluation.episodes import CHUNK
-    from rl.evaluation.sweep.cells import count_cells
-    from rl.evaluation.sweep.config import find_sweep, load_sweep
+    from rl.evaluation.sweeps import count_cells, find_sweep, load_sweep
     from rl.runs import folder as run_folder
 
     config, _ = run_folder.load_config(args.run, args.overrides, args.config)
@@ -103,8 +102,7 @@ def sweep(args: argparse.Namespace) -> None:
     """Run --sweep and rewrite the run's report."""
     from rl import cli, processes
     from rl.evaluation.report import write_report
-    from rl.evaluation.sweep.config import find_sweep, load_sweep
-    from rl.evaluation.sweep.run import run_sweep
+    from rl.evaluation.sweeps import find_sweep, load_sweep, run_sweep
 
     file = find_sweep(args.sweep)
     wanted, contest = load_sweep(file, episodes=args.episodes, seed=args.seed), cli.open_both(args)

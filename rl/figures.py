@@ -13,12 +13,9 @@ from taichi_sim.plotting import INK, dress, moving_mean, new_figure, rgb
 from taichi_sim.recording import Episode
 from taichi_sim.recording.palette import Livery
 
-Liveries = Mapping[str, Livery]
-"""team -> its colours in a recording; a team that is not there is drawn in ink."""
 
-
-def _history_figure(histories: Histories, liveries: Liveries, column: str, title: str, y: str, zero: bool) -> Figure:
-    """`column` of each team's history over agent steps, raw and smoothed."""
+def _history_figure(histories: Histories, liveries: Mapping[str, Livery], column: str, title: str, y: str) -> Figure:
+    """`column` of each team's history over agent steps, raw and smoothed; a team without a livery is drawn in ink."""
     figure = new_figure(5.6 * max(1, len(histories)), 4.3, title)
     panels = figure.subplots(1, len(histories), squeeze=False)[0]
     for axes, letter, (team, history) in zip(panels, ascii_lowercase, histories.items(), strict=False):
@@ -26,7 +23,7 @@ def _history_figure(histories: Histories, liveries: Liveries, column: str, title
         values = np.asarray(history[column])
         known = np.isfinite(values)
         colour = rgb(liveries[team].first) if team in liveries else INK
-        if zero:
+        if column == "policy_loss":
             axes.axhline(0.0, color=INK, linewidth=0.8)
         axes.plot(steps[known], values[known], color=colour, linewidth=0.9, alpha=0.35, label="each iteration")
         axes.plot(steps[known], moving_mean(values[known]), color=colour, linewidth=2.2, label="moving mean")
@@ -38,28 +35,15 @@ def _history_figure(histories: Histories, liveries: Liveries, column: str, title
 
 
 def training_figures(histories: Histories, episode: Episode | None) -> dict[str, Figure]:
-    """The figures of a training, in the colours of an episode if there is one: name -> figure."""
-    if not histories:
-        return {}
+    """Cumulative reward per episode and PPO's policy loss during training (paper, figs. 3 and 4), in the colours of an
+    episode if there is one: name -> figure.
+    """
     liveries = {} if episode is None else episode.liveries
-    return {"reward": reward_figure(histories, liveries), "policy_loss": policy_loss_figure(histories, liveries)}
-
-
-def reward_figure(histories: Histories, liveries: Liveries) -> Figure:
-    """Cumulative reward of an episode during training (paper, Fig. 3)."""
-    return _history_figure(
-        histories,
-        liveries,
-        "episode_reward",
-        "Cumulative reward per episode during training",
-        "cumulative reward per episode",
-        zero=False,
-    )
-
-
-def policy_loss_figure(histories: Histories, liveries: Liveries) -> Figure:
-    """PPO's policy loss during training (paper, Fig. 4)."""
-    return _history_figure(histories, liveries, "policy_loss", "Policy loss during training", "policy loss", zero=True)
+    drawn = {
+        "reward": ("episode_reward", "Cumulative reward per episode during training", "cumulative reward per episode"),
+        "policy_loss": ("policy_loss", "Policy loss during training", "policy loss"),
+    }
+    return {name: _history_figure(histories, liveries, *what) for name, what in drawn.items()} if histories else {}
 
 
 def save_figures(out: Path, figures: Mapping[str, Figure]) -> list[Path]:

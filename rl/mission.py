@@ -11,7 +11,7 @@ Observation terms are named: `observe` returns an ordered dictionary. Checkpoint
 widths. A policy refuses observations other than those of its training, and names the difference (learn/policy.py).
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
 from operator import or_
 from pathlib import Path
@@ -48,25 +48,15 @@ Histories = Mapping[str, Mapping[str, NDArray[np.float64]]]
 """team -> column of a stage's progress.csv -> [iterations]."""
 
 
-class Endings(Mapping[str, Tensor]):
-    """Why a team's vehicles ended in a step: name -> bool [env, vehicle]."""
+class Endings(dict[str, Tensor]):
+    """Why a team's vehicles ended in a step: name -> bool [env, vehicle]. They are not changed afterwards; `any` joins
+    them.
+    """
 
     def __init__(self, flags: Mapping[str, Tensor]):
-        """Store the flags; the caller must not change them afterwards."""
-        self._flags = dict(flags)
-        self.any = reduce(or_, self._flags.values())
-
-    def __getitem__(self, name: str) -> Tensor:
-        """Flags [env, vehicle] of the ending `name`."""
-        return self._flags[name]
-
-    def __iter__(self) -> Iterator[str]:
-        """Names, in order."""
-        return iter(self._flags)
-
-    def __len__(self) -> int:
-        """Number of names."""
-        return len(self._flags)
+        """Store the flags."""
+        super().__init__(flags)
+        self.any = reduce(or_, self.values())
 
 
 class Step(NamedTuple):

@@ -10,8 +10,7 @@ import pytest
 
 from rl import cli
 from taichi_sim.vehicles import MODELS
-from tools.benchmarking.mission import scenario_cases
-from tools.benchmarking.parts import Stopwatch
+from tools.benchmarking.mission import Stopwatch, scenario_cases
 from tools.benchmarking.physics import measured_vehicles, shipped_vehicles
 from tools.benchmarking.timing import Case, measure
 

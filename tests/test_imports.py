@@ -49,7 +49,7 @@ LAYERS = (
     ("rl.guidance", "rl.figures"),
     ("rl.missions", "rl.adapters.render", "rl.planning"),
     ("rl.learn",),
-    ("rl.runs.folder", "rl.runs.records", "rl.runs.launch"),
+    ("rl.runs.folder", "rl.runs.launch"),
     ("rl.evaluation",),
     ("rl.runs",),
     ("rl.adapters",),

@@ -31,11 +31,11 @@ from tools.benchmarking.mission import (
     environment_cases,
     first_stage,
     learning_cases,
+    measure_parts,
     measure_pictures,
     rates,
     scenario_cases,
 )
-from tools.benchmarking.parts import measure_parts
 from tools.benchmarking.peers import measure_peers
 from tools.benchmarking.physics import physics_cases
 from tools.benchmarking.timing import measure

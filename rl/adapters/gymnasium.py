@@ -26,7 +26,6 @@ from typing import TypedDict, Unpack
 import gymnasium
 import numpy as np
 import torch
-from gymnasium import logger
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -113,7 +112,7 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
         self.render_mode = render_mode
         self.metadata["render_fps"] = frames_per_second(config.decision_interval)
-        self._pictures = None if render_mode is None else Pictures(self.task, render_size, render_mode)
+        self._pictures = Pictures(self.task, render_size, render_mode)
 
         own = self.task.teams[team]
         self._action_shape = (num_envs, own.fleet.count, len(own.action_names))
@@ -137,7 +136,7 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if seed is not None:
             self.task.reseed(seed)
         self._restart(mask)
-        self._remember_frame()
+        self._pictures.keep()
         return self._observe(), _masked(self._info(), mask)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Infos]:
@@ -166,24 +165,17 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             self._restart(ended)
         else:
             self._restart(begins)
-        self._remember_frame()
+        self._pictures.keep()
         infos |= _masked(self._info(), np.ones(self.num_envs, dtype=bool))
         return self._observe(), reward, terminated, truncated, infos
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Pictures of all environments, uint8 [height, width, 3]; None unless the mode is "rgb_array"."""
-        if self._pictures is None:
-            logger.warn("render() draws nothing: the environment was made without a render_mode")
-        return self._pictures.draw() if self._pictures is not None and self.render_mode == "rgb_array" else None
+        return self._pictures.render()
 
     def close_extras(self, **kwargs: object) -> None:
         """Close the window, if there is one."""
-        if self._pictures is not None:
-            self._pictures.close()
-
-    def _remember_frame(self) -> None:
-        if self._pictures is not None:
-            self._pictures.keep()
+        self._pictures.close()
 
     # -- reset -----------------------------------------------------------------------------------------------
 

@@ -15,13 +15,11 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-from gymnasium import logger
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Space
 from torch import Tensor
 
-from rl.adapters.agents import Agents
-from rl.adapters.batched import BatchedEnv
+from rl.adapters.batched import Agents, BatchedEnv
 from rl.adapters.render import MODES, Pictures, frames_per_second
 from rl.mission import Mission
 from taichi_sim.config.base import MissingExtraError
@@ -59,7 +57,7 @@ class ParallelMission(ParallelEnv[str, np.ndarray, np.ndarray]):
         """
         self._env, self._vehicles = env, Agents(env)
         self.render_mode = render_mode
-        self._pictures = None if render_mode is None else Pictures(env.mission, render_size, render_mode)
+        self._pictures = Pictures(env.mission, render_size, render_mode)
         fps = frames_per_second(env.mission.config.decision_interval)
         self.metadata = {  # pyright: ignore[reportIncompatibleVariableOverride, reportAttributeAccessIssue]
             **self.metadata, "name": f"taichi_sim/{name}", "render_fps": fps,
@@ -90,7 +88,7 @@ class ParallelMission(ParallelEnv[str, np.ndarray, np.ndarray]):
     ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, float | bool]]]:
         """Begin the next episode of one random sequence, which `seed` starts anew. There are no options."""
         observations = self._env.reset(seed)
-        self._remember_frame()
+        self._pictures.keep()
         self.agents = self.possible_agents[:]
         infos = {team: self.task.info(self.task.teams[team]) for team in self._env.vehicles}
         return self._arrays(observations), self._infos(infos)
@@ -111,7 +109,7 @@ class ParallelMission(ParallelEnv[str, np.ndarray, np.ndarray]):
             raise ResetNeeded("no episode is running: call reset first")
         rows = {name: np.asarray(action, dtype=np.float32)[None] for name, action in actions.items()}
         stepped = self._env.step(self._vehicles.stacked(rows))
-        self._remember_frame()
+        self._pictures.keep()
         rewards = {name: float(value) for name, value in self._vehicles.split(stepped.rewards).items()}
         terminated = {name: bool(value) for name, value in self._vehicles.split(stepped.terminated).items()}
         truncated = {name: bool(value) for name, value in self._vehicles.split(stepped.truncated).items()}
@@ -125,19 +123,12 @@ class ParallelMission(ParallelEnv[str, np.ndarray, np.ndarray]):
 
     def render(self) -> np.ndarray | None:
         """A picture, uint8 [height, width, 3]; None unless the mode is "rgb_array"."""
-        if self._pictures is None:
-            logger.warn("render() draws nothing: the environment was made without a render_mode")
-            return None
-        return self._pictures.draw()[0] if self.render_mode == "rgb_array" else None
+        frames = self._pictures.render()
+        return None if frames is None else frames[0]
 
     def close(self) -> None:
         """Close the window, if there is one."""
-        if self._pictures is not None:
-            self._pictures.close()
-
-    def _remember_frame(self) -> None:
-        if self._pictures is not None:
-            self._pictures.keep()
+        self._pictures.close()
 
     def _arrays(self, values: Mapping[str, Tensor]) -> dict[str, np.ndarray]:
         return {name: _array(value[0]) for name, value in self._vehicles.split(values).items()}

@@ -11,6 +11,7 @@ from collections import deque
 
 import numpy as np
 import torch
+from gymnasium import logger
 from numpy.typing import NDArray
 
 from rl.mission import Mission
@@ -38,21 +39,22 @@ def picture_size(num_envs: int) -> tuple[int, int]:
 class Pictures:
     """Draws a picture of each environment of a mission."""
 
-    def __init__(self, task: Mission, size: tuple[int, int] | None = None, mode: str = "rgb_array") -> None:
+    def __init__(self, task: Mission, size: tuple[int, int] | None = None, mode: str | None = "rgb_array") -> None:
         """Draw `task`, whose vehicles are at the start of an episode.
 
         Args:
             task: the mission.
             size: width and height of each environment's picture, px; the default depends on the number of environments.
-            mode: "rgb_array", or "human" for a window.
+            mode: "rgb_array", "human" for a window, or None: nothing is drawn.
 
         Raises:
             ValueError: if the mode is unknown, the size is not allowed, or "human" finds no display.
         """
-        if mode not in MODES:
+        if mode not in (None, *MODES):
             raise ValueError(f"render_mode = {mode!r}: allowed are None, {', '.join(map(repr, MODES))}")
         self.task, self.size, self.mode = task, size or picture_size(task.num_envs), mode
-        check_picture(self.size, "auto", None)
+        if mode is not None:
+            check_picture(self.size, "auto", None)
         self._window = _Window() if mode == "human" else None
         self._cast, self._pictures = Cast(), {}
         interval = task.config.decision_interval
@@ -62,12 +64,20 @@ class Pictures:
 
     def keep(self) -> None:
         """Extend the trails; call this after each step and reset. In mode "human", also update the window."""
+        if self.mode is None:
+            return
         if self._kept % self._every == 0:
             teams = {name: fleet.position_n.clone() for name, fleet in self.task.world.teams.items()}
             self._trails.append((self.task.steps.clone(), teams))
         self._kept += 1
         if self._window is not None:
             self._window.show(tiled(self.draw()))
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """As `draw`; None unless the mode is "rgb_array"."""
+        if self.mode is None:
+            logger.warn("render() draws nothing: the environment was made without a render_mode")
+        return self.draw() if self.mode == "rgb_array" else None
 
     def draw(self) -> tuple[NDArray[np.uint8], ...]:
         """A picture [high, wide, 3] of each environment as it is now."""

@@ -6,8 +6,7 @@ For a single environment, `skrl.envs.wrappers.torch.wrap_env` takes that of pett
 from gymnasium.spaces import Space
 from torch import Tensor
 
-from rl.adapters.agents import Agents
-from rl.adapters.batched import BatchedEnv
+from rl.adapters.batched import Agents, BatchedEnv
 from taichi_sim.config.base import MissingExtraError
 
 try:

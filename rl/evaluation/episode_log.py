@@ -5,9 +5,9 @@ decisions where episodes are long. The excerpts that a report shows are stored b
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple, TypedDict
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,23 +85,6 @@ class Crash(NamedTuple):
     vehicles: tuple[int, ...]
     time_s: float
     before: Excerpt  # of this team
-
-
-class TeamFields(TypedDict):
-    """Fields of a `TeamLog` that are no arrays."""
-
-    medium: str
-    actions: Sequence[str]
-    series: list[str]
-
-
-class ExcerptFields(TypedDict):
-    """Fields of an `Excerpt` that are no arrays."""
-
-    episode: int
-    events: Sequence[Ended]
-    teams: dict[str, TeamFields]
-    tracks: list[str]
 
 
 class EpisodeLog:
@@ -204,20 +187,20 @@ def load_log(file: Path) -> tuple[dict[str, Excerpt], list[Crash]]:
     return shown, crashes
 
 
-def _packed(excerpt: Excerpt, name: str, arrays: dict[str, Array]) -> ExcerptFields:
+def _packed(excerpt: Excerpt, name: str, arrays: dict[str, Array]) -> dict[str, Any]:
     """Put the arrays of an excerpt into `arrays`, under keys that begin with `name`; return its other fields."""
     arrays |= {f"{name}/time": excerpt.time_s, f"{name}/obstacles": excerpt.obstacles}
     arrays |= {f"{name}/track/{team}": track for team, track in excerpt.tracks_n.items()}
     for team, of in excerpt.teams.items():
         arrays |= {f"{name}/{team}/place": of.position_n, f"{name}/{team}/action": of.action}
         arrays |= {f"{name}/{team}/series/{k}": values for k, values in enumerate(of.series.values())}
-    teams: dict[str, TeamFields] = {
+    teams = {
         t: {"medium": of.medium, "actions": of.action_names, "series": [*of.series]} for t, of in excerpt.teams.items()
     }
     return {"episode": excerpt.episode, "events": excerpt.events, "teams": teams, "tracks": [*excerpt.tracks_n]}
 
 
-def _unpacked(fields: ExcerptFields, name: str, arrays: Mapping[str, Array]) -> Excerpt:
+def _unpacked(fields: Mapping[str, Any], name: str, arrays: Mapping[str, Array]) -> Excerpt:
     teams = {
         team: TeamLog(
             of["medium"],

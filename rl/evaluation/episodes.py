@@ -19,7 +19,7 @@ from rl.judge import Episodes, Judge
 from rl.learn.policy import Policy
 from rl.mission import Mission
 from rl.missions import find_mission
-from rl.runs.records import EvaluationResult
+from rl.runs.folder import EvaluationResult
 from rl.scenario import Scenario, derive_seed
 from taichi_sim.config import ConfigError
 from taichi_sim.kernels import runtime
@@ -57,31 +57,10 @@ class Trial(NamedTuple):
 class EvaluationOutcome(NamedTuple):
     """The result of an evaluation."""
 
-    result: EvaluationResult  # what `evaluate` returns
+    result: EvaluationResult  # a summary
     episodes: dict[str, dict[str, NDArray[np.float64]]]  # team -> name -> [episode], see Judge.episodes
     shown: dict[str, Excerpt]  # a name in SHOWN -> its episode
     crashes: list[Crash]
-
-
-def evaluate(
-    config: Scenario,
-    policies: Mapping[str, Policy],
-    *,
-    episodes: int,
-    seed: int,
-    controller: str = "policy",
-    source: Path | None = None,
-    show_progress: bool = True,
-) -> EvaluationResult:
-    """Run `episodes` episodes of the teams in `policies` and return a summary; the mission's judge defines its keys.
-
-    Raises:
-        ConfigError: if an episode is too short to measure anything.
-    """
-    return judge_episodes(
-        config, policies, episodes=episodes, seed=seed, controller=controller, source=source,
-        show_progress=show_progress,
-    ).result  # fmt: skip
 
 
 def judge_episodes(
@@ -95,9 +74,9 @@ def judge_episodes(
     show_progress: bool = True,
     excerpts: bool = False,
 ) -> EvaluationOutcome:
-    """As `evaluate`, with the numbers of each episode and, with `excerpts`, the episodes that a report shows.
+    """Run `episodes` episodes of the teams in `policies`; `excerpts` also keeps those that a report shows.
 
-    It runs in one process; `judge_trials` uses several.
+    The mission's judge defines the keys of the result. It runs in one process; `judge_trials` uses several.
 
     Raises:
         ConfigError: if an episode is too short to measure anything.

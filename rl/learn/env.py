@@ -1,7 +1,8 @@
 """One team of a mission as an environment of rsl-rl: each vehicle of each environment is a row, and all share one
-policy.
+policy. Further teams may learn in the same environments, as `Companion`s.
 """
 
+import time
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, NamedTuple, TypedDict
 
@@ -12,9 +13,10 @@ from torch import Tensor
 
 from rl.learn.policy import Policy
 from rl.mission import Mission, Step
+from rl.team import Team
 
 if TYPE_CHECKING:
-    from rl.learn.joint import Companion
+    from rl.learn.runner import StageRunner
 
 Watch = Callable[[Mission, Step, Mapping[str, Mapping[str, Tensor]]], None]
 """Called after each step and before the resets: the mission, the step, and the logs of each learning team."""
@@ -39,7 +41,7 @@ class MissionEnv(VecEnv):
     """Environment of rsl-rl whose row is `env * vehicles + vehicle`; actions and observations are [row, n].
 
     The rows act for the learning team. Every other team acts by its frozen policy, or learns in the same episodes as
-    one of the `companions` (joint.py). When any vehicle's episode ends, its environment resets in the same step. Rows
+    one of the `companions`. When any vehicle's episode ends, its environment resets in the same step. Rows
     whose own vehicle ended are terminated; the other rows are truncated, which rsl-rl reads from `extras["time_outs"]`.
 
     The learner gets rewards times `scale`. With scale = 1 - discount, returns have the size of one reward, which a
@@ -126,3 +128,62 @@ class MissionEnv(VecEnv):
         """Update the team's observations."""
         own = self.mission.teams[self.team]
         self._observations, self._truth = own.observe(), own.privileged
+
+
+class Companion:
+    """A team that learns while another team's runner drives rsl-rl's loop; called, it is the team's policy there.
+
+    Each team has its own policy, critic, optimiser and reward, and is updated once an iteration (independent PPO, de
+    Witt et al. 2020, arXiv:2011.09533).
+    """
+
+    def __init__(self, runner: "StageRunner"):
+        """Learn with `runner`, whose environment has the same mission."""
+        self.runner, self.env = runner, runner.env
+        self._observations = self.env.get_observations()
+        self._collected = time.time()
+
+    def begin(self) -> None:
+        """Continue from the runner's last iteration."""
+        self.runner.alg.train_mode()
+        self.runner.continue_history()
+        self.runner.logger.init_logging_writer()
+        self._first = self.runner.current_learning_iteration
+        self._collected = time.time()
+
+    def __call__(self, team: Team) -> Tensor:
+        """Explore: sample actions [env, vehicle, action]."""
+        return self.env.commanded(self.runner.alg.act(self._observations))
+
+    def take(self, step: LearnerStep) -> None:
+        """Store the result of the last actions; call this after the mission has reset."""
+        self.env.observe()
+        self._observations = self.env.get_observations()
+        reward, dones, extras = step
+        self.runner.alg.process_env_step(self._observations, reward, dones, {"time_outs": extras["time_outs"]})
+        self.runner.logger.process_env_step(reward, dones, extras)
+
+    def update(self) -> None:
+        """Update the policy from the steps since the last update."""
+        runner, start = self.runner, time.time()
+        with torch.inference_mode():
+            runner.alg.compute_returns(self._observations)
+        losses, it = runner.alg.update(), runner.current_learning_iteration
+        now = time.time()
+        runner.logger.log(
+            it=it, start_it=self._first, total_it=runner.last, collect_time=start - self._collected,
+            learn_time=now - start, loss_dict=losses, learning_rate=runner.alg.learning_rate,
+            action_std=runner.alg.get_policy().output_std, rnd_weight=None,
+        )  # fmt: skip
+        runner.current_learning_iteration = it + 1
+        self._collected = now
+
+    def save(self, iterations: int) -> None:
+        """Write a checkpoint after `iterations` of the stage, as many as the driving runner has completed."""
+        self.runner.logger.completed = self.runner.first + iterations
+        self.runner.save("")
+
+    def end(self) -> None:
+        """Close the log."""
+        if self.runner.logger.writer is not None:
+            self.runner.logger.stop_logging_writer()

@@ -1,14 +1,19 @@
 """Policies improved by planning: an algorithm beside PPO for rsl-rl's runner, `[stages.NAME.planning]`.
 
-The policy acts in its environments. Where its actions have an effect, a planner (rl/planning/improvement.py) looks in
-forks of the truth for what it should do, and the network is fitted to that: one step of approximate policy
-iteration (Bertsekas 2011, J. Control Theory Appl. 9(3)) an iteration, by dataset aggregation over the last few
-(DAgger: Ross, Gordon & Bagnell 2011, AISTATS). A sample's weight is the square root of the costs at stake in it, so
-that actions beside an obstacle are learnt more exactly than actions far from all obstacles.
+The policy acts in its environments. Where its actions have an effect, a planner (`Improver`) looks in forks of
+the truth for what it should do, and the network is fitted to that: one step of approximate policy iteration (Bertsekas
+2011, J. Control Theory Appl. 9(3)) an iteration, by dataset aggregation over the last few (DAgger: Ross, Gordon &
+Bagnell 2011, AISTATS). A sample's weight is the square root of the costs at stake in it, so that actions beside an
+obstacle are learnt more exactly than actions far from all obstacles.
+
+A plan is a correction of the policy's own actions, and the policy acts in the model, too: what is found is the next
+step from what it does now, not another way of doing the task. So the policy learns nothing that depends on what it does
+not observe, such as the plan of a moment before.
 """
 
 from collections import deque
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import torch
 from tensordict import TensorDict
@@ -16,8 +21,7 @@ from torch import Tensor
 
 from rl import processes
 from rl.learn.ppo import LeanPPO
-from rl.planning.config import PlanConfig
-from rl.planning.improvement import Improver
+from rl.planning.planner import PlanConfig, Planner, path_integral_mean
 from rl.scenario import StageConfig
 from rl.team import Team
 
@@ -27,6 +31,79 @@ if TYPE_CHECKING:
 BATCH = 1024  # rows in a step of the optimiser; assumed
 DECAY = 1e-3  # of the network's weights; assumed
 MOST = 5.0  # weight of a sample, over the mean; assumed
+DEVIATING = 2  # knots of a plan that deviate from the policy
+TEMPERATURE = 0.5  # of the costs, as a share of their spread: a planner follows one plan, here many are averaged
+
+
+class Improver(Planner):
+    """Plans corrections of a policy by forks of the truth; the mean of the plans is what it suggests.
+
+    Attributes:
+        stakes: [env, vehicle], how much an average sample costs more than the best one; 0 where nothing was planned.
+    """
+
+    stakes: Tensor
+
+    def __init__(self, config: PlanConfig, policy: Any, others: Mapping[str, Any] | None = None, *, seed: int = 0):
+        """Improve `policy`: it gives a team's actions [env, vehicle, `action_names`], before `Team.command`."""
+        super().__init__(config, others, seed=seed)
+        self._policy = policy
+
+    def aim(self, spread: float) -> None:
+        """Plan with this standard deviation of a knot from now on, and at once."""
+        self.config = self.config.model_copy(update={"spread": spread})
+        self._age.fill_(self._every)
+
+    def bind(self, team: Any) -> None:
+        """See `Planner.bind`."""
+        if self._mission is not team.mission:
+            self.stakes = team.fleet.state.new_zeros(team.fleet.never.shape)
+        super().bind(team)
+
+    def _width(self, team: Any) -> int:
+        return len(team.action_names)
+
+    def _action(self, team: Any, correction: Tensor) -> Tensor:
+        return team.command((self._policy(team) + correction).clamp(-1.0, 1.0))
+
+    def _plan(self, team: Any, envs: Tensor) -> None:
+        """Plan where the actions of the policy have an effect, beginning with no correction."""
+        self._knots[envs], self._age[envs], self.stakes[envs] = 0.0, 0, 0.0
+        envs = envs[team.in_effect[envs].any(-1)]
+        if len(envs):
+            super()._plan(team, envs)
+
+    def _noise(self, shape: tuple[int, ...], like: Tensor) -> Tensor:
+        """Deviations [n, sample, knot, vehicle, a] of the first knots, after which the policy goes on by itself."""
+        drawn, noise = super()._noise(shape, like), like.new_zeros(shape)
+        for samples, vehicles in _parts(shape[3]):
+            part = drawn[:, samples, :DEVIATING, vehicles]
+            half = part.shape[1] // 2
+            part[:, half : 2 * half] = -part[:, :half]  # opposite pairs: where none is better, their mean is zero
+            noise[:, samples, :DEVIATING, vehicles] = part
+        return noise
+
+    def _updated(self, plans: Tensor, costs: Tensor) -> Tensor:
+        means, stakes = [], []
+        for samples, vehicles in _parts(plans.shape[3]):
+            cost = costs[:, samples, vehicles]
+            stakes.append(cost.mean(1) - cost.amin(1))
+            means.append(path_integral_mean(plans[:, samples, :, vehicles], cost, TEMPERATURE))
+        self._at_stake = torch.cat(stakes, 1)
+        return torch.cat(means, 2)
+
+    def _conclude(self, team: Any, envs: Tensor, rows: Tensor, mean: Tensor, best: Tensor) -> None:
+        n = len(envs)
+        self._knots[envs], self.stakes[envs] = mean[:n], self._at_stake[:n]
+
+
+def _parts(vehicles: int) -> tuple[tuple[slice, slice], ...]:
+    """Which samples deviate for which vehicles: half of them for the leader, half for its followers, whose slots go
+    where it goes; so what the leader tries does not blur what its followers try.
+    """
+    if vehicles == 1:
+        return ((slice(None), slice(None)),)
+    return ((slice(0, None, 2), slice(0, 1)), (slice(1, None, 2), slice(1, None)))
 
 
 class Lesson(NamedTuple):
@@ -41,7 +118,7 @@ class PlannedImprovement(LeanPPO):
     """An algorithm for rsl-rl's runner: `update` fits the actor to the planner's suggestions; the critic stays."""
 
     def begin(self, env: "MissionEnv", stage: StageConfig, done: int) -> None:
-        """Improve the policy of `env` (env.MissionEnv); `done` iterations of the stage have been completed."""
+        """Improve the policy of `env`; `done` iterations of the stage have been completed."""
         assert stage.planning is not None
         self._env, self._stage, self._done = env, stage, done
         self._lessons: deque[Lesson] = deque(maxlen=stage.planning.rounds)

@@ -12,8 +12,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from rl.mission import ControllerError, Team
-from rl.planning.honest import HonestPlanner
-from rl.planning.planner import Planner
+from rl.planning.planner import HonestPlanner, Planner
 from rl.scenario import Scenario, StageConfig
 from taichi_sim.config.io import replacing
 

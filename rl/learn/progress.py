@@ -22,8 +22,7 @@ from rl.processes import signals
 from taichi_sim.config.io import replacing
 
 if TYPE_CHECKING:
-    from rl.learn.env import Extras
-    from rl.learn.joint import Companion
+    from rl.learn.env import Companion, Extras
 
 HISTORY = "progress.csv"
 COLUMNS = (  # the mission's logs follow
@@ -51,7 +50,7 @@ class ProgressLogger(Logger):
     elapsed_before = 0.0  # s, before an interruption and in the team's earlier stages
     steps_before, iterations_before = 0, 0  # in the team's earlier stages
     completed = 0  # iterations
-    companions: Sequence["Companion"] = ()  # teams that learn from the same steps (joint.py)
+    companions: Sequence["Companion"] = ()  # teams that learn from the same steps (env.py)
     columns: tuple[str, ...] = COLUMNS
     scale = 1.0  # factor of the learner's rewards
 

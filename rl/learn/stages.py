@@ -1,7 +1,7 @@
 """Training stage by stage: one team learns while the teams of earlier stages act by their frozen policies.
 
 Several stages may train one team; they share a folder with one history of iterations, progress.csv and checkpoints.
-Several teams may learn in one stage (joint.py). A stage with `keep = "better"` is compared with the policies before it.
+Several teams may learn in one stage (env.py). A stage with `keep = "better"` is compared with the policies before it.
 """
 
 from collections.abc import Callable, Mapping
@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING
 import torch
 
 from rl import processes
-from rl.learn.env import MissionEnv, Watch
+from rl.learn.env import Companion, MissionEnv, Watch
 from rl.learn.export import ONNX, TORCHSCRIPT, export_policy
-from rl.learn.joint import Companion
 from rl.learn.policy import (
     CheckpointError,
     Policy,
@@ -30,7 +29,7 @@ from rl.missions import make_mission
 from rl.scenario import Scenario, StageConfig, at_stage, derive_seed
 
 if TYPE_CHECKING:
-    from rl.runs.records import Batch, StageResult, Verdict
+    from rl.runs.folder import Batch, StageResult, Verdict
 
 Judged = Callable[[Mapping[str, TrainedPolicy]], float]
 """Loss of a set of policies, team -> policy; it decides whether a stage with `keep = "better"` is kept."""

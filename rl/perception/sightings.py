@@ -105,10 +105,10 @@ TruePack = ti.types.argpack(true_state=array3, true_derived=array3)
 OwnPack = ti.types.argpack(state=array3, derived=array3)
 
 
-class CameraForm(NamedTuple):
-    """Compile-time parameters of the kernel."""
+class ObserverForm(NamedTuple):
+    """Compile-time parameters of the kernels."""
 
-    first: int  # number of the first aircraft among all observers
+    first: int  # number of the first among all observers
     vehicles: int  # number of the first vehicle among the random numbers
     serial: bool = False  # run on the calling thread
 
@@ -139,13 +139,6 @@ class LookoutNumbers(NamedTuple):
 
 
 LookoutPack = ti.types.argpack(sightings=array4, objects=array3, hidden=array2, numbers=array1)
-
-
-class LookoutForm(NamedTuple):
-    """Compile-time parameters of the kernel."""
-
-    vehicles: int  # number of the first vehicle among the random numbers
-    serial: bool = False  # run on the calling thread
 
 
 @ti.func
@@ -243,7 +236,7 @@ class Observers:
     STATE: tuple[str, ...] = ()
 
     def __init__(
-        self, kernel: Callable[..., object], pack: runtime.Packed, numbers: NamedTuple, form: CameraForm | LookoutForm,
+        self, kernel: Callable[..., object], pack: runtime.Packed, numbers: NamedTuple, form: ObserverForm,
         true: Views, own: Views, objects: Tensor,
     ):  # fmt: skip
         """Let those look at `objects` [env, object, n] whose true and measured states are `true` and `own`."""
@@ -293,7 +286,7 @@ class Camera(Observers):
         pack = runtime.Packed(
             CameraPack, sightings=sightings, objects=objects, axis=self.axis, hs=hs, numbers=state.new_tensor(numbers)
         )
-        super().__init__(_see, pack, numbers, CameraForm(first, vehicles), true, own, objects)
+        super().__init__(_see, pack, numbers, ObserverForm(first, vehicles), true, own, objects)
 
     def aim(self, place: Tensor) -> None:
         """Point cameras on gimbals at `place` [env, aircraft, 2] (north, east, m)."""
@@ -331,7 +324,7 @@ class Lookout(Observers):
         pack = runtime.Packed(
             LookoutPack, sightings=sightings, objects=objects, hidden=self._hidden, numbers=state.new_tensor(numbers)
         )
-        super().__init__(_look_out, pack, numbers, LookoutForm(vehicles), true, own, objects)
+        super().__init__(_look_out, pack, numbers, ObserverForm(0, vehicles), true, own, objects)
 
     def see(self, which: Tensor, rows: int, count: Tensor) -> None:
         """Look as other observers do, where wave crests do not hide the first object."""

@@ -14,13 +14,16 @@ policy; what costs the team least is followed. So a plan is never worse in the m
 import math
 import time
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
 import torch
+from pydantic import Field, model_validator
 from torch import Tensor
 
-from rl.planning.config import PlanConfig
-from taichi_sim.config import ConfigError
+from rl.course.obstacles import AWAY, BOTTOM, CARRIED, EAST, NORTH, RADIUS, TOP, V_EAST, V_NORTH
+from rl.mission import ControllerError
+from rl.perception.sensors import Obstacle
+from taichi_sim.config import ConfigError, NonNegative, Positive, Strict
 from taichi_sim.kernels import runtime
 
 MOST = 8192  # environments of a fork: more are planned for in turn
@@ -29,6 +32,25 @@ PARTS = 4  # of all environments, whole ones of which are planned for at a time
 FINAL = 4  # plans that are compared at last: these three, and the best sample
 SHRINK = 0.5  # of the spread, from round to round
 TEMPERATURE = 0.1  # of the costs, over the spread of the better half of them
+
+
+class PlanConfig(Strict):
+    """Sampling MPC over knots of a correction of the classical controller: `[TEAM.plan]`."""
+
+    samples: Annotated[int, Field(ge=4, le=65536)] = 64  # futures tried in each round, of each environment
+    rounds: Annotated[int, Field(ge=1, le=50)] = 3  # of samples for each plan
+    horizon: Positive = 6.0  # s
+    every: Positive = 0.5  # s between plans
+    knots: Annotated[int, Field(ge=2, le=50)] = 5  # of a plan, evenly spaced over the horizon, linear in between
+    spread: Positive = 3.0  # standard deviation of a knot in the first round: m/s, or share of an action's range
+    berth: NonNegative = 0.5  # m of clearance: a plan that comes nearer to anything costs more
+    share: NonNegative = 0.2  # of its followers' costs in a leader's own
+
+    @model_validator(mode="after")
+    def _looks_ahead(self):
+        if self.every >= self.horizon:
+            raise ValueError(f"every = {self.every} s must be below horizon = {self.horizon} s")
+        return self
 
 
 class Planner:
@@ -179,7 +201,8 @@ class Planner:
             action = self._action(team, self._at(knots, k))
             if self._proposal is not None:
                 action = torch.where(own, self._proposal(team), action)
-            joint = {other: self._policy_of(other)(of) for other, of in model.teams.items() if other != name}
+            others = ((other, of) for other, of in model.teams.items() if other != name)
+            joint = {other: self._others.get(other, _classical)(of) for other, of in others}
             step = model.step({**joint, name: action})
             now = step.endings[name].any
             cost += model.plan_cost(team, now & ~ended)
@@ -198,10 +221,6 @@ class Planner:
     def _view(self, team: Any) -> Any:
         """What the controller acts by: the team as it is."""
         return team
-
-    def _policy_of(self, other: str) -> Any:
-        """What another team is taken to act by: by default its classical controller."""
-        return self._others.get(other, _classical)
 
     # -- models and knots ------------------------------------------------------------------------------------------
 
@@ -251,3 +270,71 @@ def path_integral_mean(plans: Tensor, costs: Tensor, temperature: float = TEMPER
 def _classical(team: Any) -> Tensor:
     """Actions of a team's classical controller; none where there is no controller."""
     return torch.zeros_like(team.fleet.action) if team.controller is None else team.controller(team.known)
+
+
+class HonestPlanner(Planner):
+    """Plans for one team by what its vehicles know, in a world built from that.
+
+    The model (`Mission.imagined`) has nominal craft, the mean wind and current, calm water, exact sensors, and only
+    what has been sensed: `Mission.believe` writes into it what the vehicles of a team measure now. What a plan commands
+    is flown by the controller on measured states. A user could run it on a boat.
+    """
+
+    def bind(self, team: Any) -> None:
+        """See `Planner.bind`."""
+        if self._mission is not team.mission:
+            self._believed: Any = None
+        super().bind(team)
+
+    def renew(self, team: Any) -> None:
+        """See `Planner.renew`."""
+        with torch.inference_mode(False), torch.no_grad(), runtime.torch_at_rest():
+            self.bind(team)
+            self._model(team).notice(team)
+        super().renew(team)
+
+    def _view(self, team: Any) -> Any:
+        """The team as its vehicles know it."""
+        return team.known
+
+    def _fork(self, team: Any, envs: Tensor, copies: int) -> Any:
+        """The model: so many copies of what the vehicles of each environment believe."""
+        model = self._model(team)
+        model.believe(team)
+        return self._copied(model, envs, copies)
+
+    def _model(self, team: Any) -> Any:
+        """The model of all environments.
+
+        Raises:
+            ControllerError: if the mission has no way to build it.
+        """
+        mission = team.mission
+        if self._believed is None:
+            self._believed = mission.imagined(team)
+            if self._believed is None:
+                raise ControllerError(
+                    f"{type(mission).__name__} has no way to build what {team.name} knows (Mission.imagined, "
+                    "rl/mission.py): there is no honest planner for it; --controller oracle plans by the truth"
+                )
+            for other in self._believed.teams.values():
+                _ = other.controller  # made now: its memory is state
+        return self._believed
+
+
+def write_obstacles_as_bodies(table: Tensor, position: Tensor, seen: Tensor) -> None:
+    """Write sensed obstacles into a table of bodies [env, 8, body] (rl/course/obstacles.py), from its first column on.
+
+    Args:
+        position: [env, vehicle, 2 or more] of the vehicles that sensed them, as they know it, m, NED.
+        seen: [env, vehicle, k, 9] obstacles as a `Sensor` has them (rl/perception/sensors.py).
+    """
+    away = seen[..., Obstacle.LEVEL, None] + seen[..., Obstacle.RADIUS, None]
+    place = position[:, :, None, :2] + away * seen[..., Obstacle.NORTH : Obstacle.DOWN]
+    north, east = torch.where(seen[..., Obstacle.NUMBER, None] >= 0, place, AWAY).unbind(-1)
+    bodies = seen.shape[1] * seen.shape[2]
+    rows = {NORTH: north, EAST: east, RADIUS: seen[..., Obstacle.RADIUS]}
+    rows |= {V_NORTH: seen[..., Obstacle.V_NORTH], V_EAST: seen[..., Obstacle.V_EAST]}
+    table[:, BOTTOM, :bodies], table[:, TOP, :bodies], table[:, CARRIED, :bodies] = -AWAY, AWAY, 0.0
+    for row, values in rows.items():
+        table[:, row, :bodies] = values.flatten(1)

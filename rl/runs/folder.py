@@ -24,11 +24,10 @@ import uuid
 from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
-from typing import TypeVar
+from typing import NotRequired, TypedDict, TypeVar
 
 from rl import processes
 from rl.missions import load_scenario
-from rl.runs.records import Software
 from rl.scenario import Scenario
 from taichi_sim.config import ConfigError
 from taichi_sim.config.files import files_of, named_files, with_files
@@ -43,9 +42,93 @@ PACKAGES = ("taichi-sim", "taichi", "torch", "numpy", "rsl-rl-lib", "gymnasium",
 
 T = TypeVar("T")
 
+Figures = dict[str, float | None]
+"""Figure -> its value; None where nothing was measured."""
+
 
 class RunError(RuntimeError):
     """A run folder that cannot be used; the message says what to do."""
+
+
+class Verdict(TypedDict):
+    """Comparison of a stage that has `keep = "better"` with the policies before it."""
+
+    kept: bool
+    loss_before: float
+    loss: float
+
+
+class Batch(TypedDict, total=False):
+    """Numbers of processes and environments from an iteration of a stage on."""
+
+    since_iteration: int
+    processes: int
+    environments: int
+
+
+class StageResult(TypedDict):
+    """A stage in summary.json."""
+
+    name: str
+    team: str
+    iterations: int
+    agent_steps: int
+    wall_time_s: float
+    agent_steps_per_s: float
+    processes: NotRequired[int]
+    environments: NotRequired[int]
+    batches: NotRequired[list[Batch]]  # of a stage that was resumed with other numbers
+    joint: NotRequired[list[str]]
+    verdict: NotRequired[Verdict]
+
+
+class EvaluationResult(TypedDict):
+    """Figures of an evaluation."""
+
+    controller: str
+    scenario: str
+    seed: int
+    episodes: int
+    teams: dict[str, Figures]
+    worst_episode: int
+    median_episode: int
+
+
+class Summary(TypedDict):
+    """summary.json."""
+
+    scenario: str
+    seed: int
+    wall_time_s: float
+    processes: int
+    stages: list[StageResult]
+    evaluation: EvaluationResult
+
+
+class Machine(TypedDict):
+    """The machine of a run."""
+
+    system: str
+    cpus: int | None
+    processor: str
+
+
+class Software(TypedDict):
+    """All besides configuration and seed that a result depends on."""
+
+    packages: dict[str, str | None]
+    git_commit: str | None
+    python: str
+    machine: Machine
+    command: list[str]
+
+
+class Meta(Software, total=False):
+    """meta.json."""
+
+    scenario_file: str
+    seed: int
+    scenario_digest: str
 
 
 def create(out: Path, config: Scenario, source: Path) -> None:
@@ -270,17 +353,15 @@ def describe_machine() -> Software:
 
 
 def _git_commit() -> str | None:
-    folder = Path(__file__).resolve().parent
+    def git(*words: str) -> str:
+        folder = Path(__file__).resolve().parent
+        done = subprocess.run(["git", *words], cwd=folder, capture_output=True, text=True, timeout=5, check=True)
+        return done.stdout.strip()
+
     try:
-        commit = subprocess.run(
-            ["git", "rev-parse", "HEAD"], cwd=folder, capture_output=True, text=True, timeout=5, check=True
-        ).stdout.strip()
-        dirty = subprocess.run(
-            ["git", "status", "--porcelain"], cwd=folder, capture_output=True, text=True, timeout=5, check=True
-        ).stdout.strip()
+        return git("rev-parse", "HEAD") + ("+changes" if git("status", "--porcelain") else "")
     except (OSError, subprocess.SubprocessError):
         return None
-    return commit + ("+changes" if dirty else "")
 
 
 def measured_files(config: Scenario) -> dict[str, list[Path]]:

@@ -104,7 +104,8 @@ def _attempt(script: Path, arguments: list[str], number: int) -> list[Failure] |
         try:
             elastic_launch(config, sys.executable)(str(script), *arguments)
         except SignalException as ended:
-            raise signals.interruption(ended.sigval, _last_message(logs)) from None
+            told = (failure.text for failure in _failures(logs) if failure.rank == 0 and failure.kind == MINE)
+            raise signals.interruption(ended.sigval, next(told, "")) from None
         except ChildFailedError as error:
             killed = [
                 Failure(rank, LOST, f"was killed ({of.signal_name()})", time.time())
@@ -128,11 +129,6 @@ def _failures(logs: str) -> list[Failure]:
         except (OSError, ValueError, KeyError, TypeError):
             continue  # written by the engine itself, or cut short
     return found
-
-
-def _last_message(logs: str) -> str:
-    """The message of rank 0 when it was interrupted."""
-    return next((failure.text for failure in _failures(logs) if failure.rank == 0 and failure.kind == MINE), "")
 
 
 def _cause(failures: list[Failure]) -> Failure:

@@ -18,15 +18,14 @@ from rl.evaluation.episodes import (
 from rl.evaluation.headroom import judge_on_bounds, read_bounds
 from rl.evaluation.record import record_episode
 from rl.evaluation.report import write_report
-from rl.evaluation.report.sources import STRIP
-from rl.evaluation.store import save_evaluation, save_headroom
+from rl.evaluation.store import STRIP, save_evaluation, save_headroom
 from rl.learn.env import Watch
 from rl.learn.policy import Policy, load_policy, policies_of
 from rl.learn.progress import HISTORY, read_history, spent
 from rl.learn.stages import train_stages
 from rl.mission import ControllerError
 from rl.runs import folder as run_folder
-from rl.runs.records import EvaluationResult, Summary
+from rl.runs.folder import EvaluationResult, Summary
 from rl.scenario import Scenario, derive_seed
 from taichi_sim.config import ConfigError
 from taichi_sim.film.files import write_strip

@@ -7,7 +7,7 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 
 ADAPTERS = {
-    "gym": "gymnasium", "batched": "batched", "agents": "agents", "sb3": "sb3", "parallel": "pettingzoo",
+    "gym": "gymnasium", "batched": "batched", "agents": "batched", "sb3": "sb3", "parallel": "pettingzoo",
     "skrl_env": "skrl", "marl": "marl", "others": "batched", "render": "render",
 }  # fmt: skip
 MOVED = {
@@ -38,7 +38,8 @@ MOVED = {
     "rl.runs.measured": "rl.runs.folder",
     "rl.runs.evaluation": "rl.evaluation.episodes",
     "rl.runs.report": "rl.evaluation.report",
-    "rl.runs.sweep": "rl.evaluation.sweep",
+    "rl.runs.sweep": "rl.evaluation.sweeps",
+    "rl.evaluation.sweep": "rl.evaluation.sweeps",
     "taichi_sim.maths": "taichi_sim.kernels",
     "taichi_sim.packs": "taichi_sim.kernels.packs",
     "taichi_sim.kinematics": "taichi_sim.kernels.rotation",
@@ -83,6 +84,23 @@ MOVED = {
     "taichi_sim.sea.measured.system": "taichi_sim.sea.measured.record",
     "taichi_sim.uav.multirotor.equations": "taichi_sim.uav.multirotor.airframe",
     "taichi_sim.uav.fixed_wing.propeller": "taichi_sim.uav.fixed_wing.actuators",
+    "rl.missions.landing.starts": "rl.missions.landing.mission",
+    "rl.missions.landing.known": "rl.missions.landing.deck",
+    "rl.missions.landing.marker": "rl.missions.landing.deck",
+    "rl.missions.escort.scouts": "rl.missions.escort.aircraft",
+    "rl.missions.escort.orbit": "rl.missions.escort.circling",
+    "rl.missions.escort.checks": "rl.missions.escort.worlds",
+    "rl.evaluation.report.sweeps": "rl.evaluation.report.about",
+    "rl.evaluation.report.sources": "rl.evaluation.store",
+    "rl.adapters.agents": "rl.adapters.batched",
+    "rl.runs.records": "rl.runs.folder",
+    "rl.evaluation.reel": "rl.evaluation.record",
+    "rl.learn.perceptron": "rl.learn.ppo",
+    "rl.planning.improvement": "rl.learn.improvement",
+    "rl.planning.honest": "rl.planning.planner",
+    "rl.planning.config": "rl.planning.planner",
+    "rl.learn.joint": "rl.learn.env",
+    "rl.processes.wires": "rl.processes",
     "taichi_sim.plotting.style": "taichi_sim.plotting",
     "taichi_sim.usv.hull.allocation": "taichi_sim.usv.hull.thruster_set",
     "taichi_sim.usv.hull.shapes": "taichi_sim.usv.hull.mesh",

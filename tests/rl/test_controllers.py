@@ -10,7 +10,7 @@ import torch
 from small_missions import TEAMS
 from torch import Tensor
 
-from rl.evaluation.episodes import evaluate
+from rl.evaluation.episodes import judge_episodes
 from rl.guidance import avoidance, geometry
 from rl.guidance.controllers.sampled import held, place_poles
 from rl.learn.policy import ClassicalPolicy, policies_of
@@ -47,7 +47,7 @@ def fly(task: Formation, team: str, seconds: float) -> tuple[Tensor, Tensor]:
 def put(task: Formation, team: str, away: Tensor, heading: float = 0.0) -> None:
     """Put vehicles `away` [env, vehicle, 2] (ahead, starboard, m) of undisturbed slots, `heading` off course."""
     side = task.teams[team]
-    place = task.tracks.at(task.env_world, task.progress)
+    place = task.tracks.at(task.env_world, task.targets.progress)
     offset = side.offsets + away
     c, s = place.course.cos()[:, None], place.course.sin()[:, None]
     state = torch.zeros_like(side.fleet.state)
@@ -122,7 +122,7 @@ def test_avoids_an_obstacle_in_its_way(team, monkeypatch):
     def smallest_gap() -> float:
         task = make(team, *CALM, f"{team}.count=1")
         put(task, team, torch.zeros(4, 1, 2))
-        ahead = task.tracks.at(task.env_world, task.progress + 80.0)
+        ahead = task.tracks.at(task.env_world, task.targets.progress + 80.0)
         rest = torch.tensor([5.0, 90.0]).expand(4, 2)  # radius and height
         task.obstacles = torch.cat((ahead.position, rest), dim=1).unsqueeze(1)
         gap, _ = fly(task, team, 16.0)
@@ -167,7 +167,7 @@ def test_baseline_is_strong():
     """Centimetres in the paper's scenario: the hull's own tilt tells the push of the waves."""
     config = load_scenario("paper", ["episode_duration=20", "evaluation.settle=15", "obstacles.count=0"])
     policies = policies_of("classical", Path(), config)
-    teams = evaluate(config, policies, episodes=8, seed=7, show_progress=False)["teams"]
+    teams = judge_episodes(config, policies, episodes=8, seed=7, show_progress=False).result["teams"]
     assert teams["usv"]["leader_error_rms_m"] < 0.05
     assert teams["usv"]["follower_error_rms_m"] < 0.1
     assert teams["uav"]["leader_error_rms_m"] < 0.02

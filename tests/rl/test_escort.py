@@ -11,7 +11,7 @@ from parallel_checks import pettingzoo_accepts
 from refusal import assert_says
 
 import taichi_sim as ts
-from rl.evaluation.episodes import evaluate
+from rl.evaluation.episodes import judge_episodes
 from rl.evaluation.record import record_episode
 from rl.guidance.shapes import escort_offsets
 from rl.learn.policy import ClassicalPolicy
@@ -178,7 +178,7 @@ def test_aircraft_measure_and_observe_what_plain_torch_does():
     turn, radius = team.orbit.turn, team.orbit.radius
     everywhere = torch.ones(mission.num_envs, dtype=torch.int32)
     team._errors.measure(everywhere, mission.num_envs)
-    known._circle.listen(everywhere, mission.num_envs)
+    known.circle.listen(everywhere, mission.num_envs)
 
     x = team.fleet.position_n - torch.cat((mission.vessel_place, torch.zeros(4, 1)), dim=-1).unsqueeze(1)
     off = torch.hypot(x[..., :2].norm(dim=-1) - radius, x[..., 2] - team.down)
@@ -263,7 +263,9 @@ def test_slots_keep_their_distance_from_the_vessel_and_each_other(shape, count):
 
 def test_the_judge_counts_arrivals_and_views():
     config = load_scenario("escort", (*SMALL, *CALM, "escort.start_distance=[30,60]", "evaluation.settle_after=5"))
-    result = evaluate(config, {n: ClassicalPolicy() for n in ("usv", "uav")}, episodes=6, seed=2, show_progress=False)
+    result = judge_episodes(
+        config, {n: ClassicalPolicy() for n in ("usv", "uav")}, episodes=6, seed=2, show_progress=False
+    ).result
     boats, aircraft = result["teams"]["usv"], result["teams"]["uav"]
     assert boats["never_arrives"] == 0.0 and 2.0 < boats["time_to_arrive_s"] <= boats["time_to_arrive_p90_s"] < 40.0
     assert boats["in_camera"] is None and aircraft["time_to_arrive_s"] is None
@@ -273,7 +275,7 @@ def test_the_judge_counts_arrivals_and_views():
 
 def test_episodes_that_never_arrive_count_in_full():
     config = load_scenario("escort", (*SMALL, "escort.start_distance=[400,500]", "episode_duration=5"))
-    result = evaluate(config, {"usv": ClassicalPolicy()}, episodes=4, seed=2, show_progress=False)
+    result = judge_episodes(config, {"usv": ClassicalPolicy()}, episodes=4, seed=2, show_progress=False).result
     boats = result["teams"]["usv"]
     assert boats["never_arrives"] == 1.0 and boats["mean_time_to_arrive_s"] == pytest.approx(5.0)
     assert boats["time_to_arrive_s"] is None and boats["leader_error_rms_m"] is None

@@ -5,11 +5,11 @@ import csv
 import pytest
 import torch
 
+from rl.learn.improvement import Improver
 from rl.learn.policy import read_checkpoint
 from rl.learn.stages import train_stages
 from rl.missions import load_scenario, make_mission
-from rl.planning.config import PlanConfig
-from rl.planning.improvement import Improver
+from rl.planning.planner import PlanConfig
 from taichi_sim.config import ConfigError
 
 FEW = ("track.worlds=8", "sea.realisations=4", "usv.plan.horizon=1.0", "usv.plan.every=0.5")

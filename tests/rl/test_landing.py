@@ -12,13 +12,11 @@ from rl.evaluation.episodes import judge_episodes
 from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario, make_mission
 from rl.missions.landing.boats import MESSAGE
+from rl.missions.landing.deck import KnownDeck, Look
 from rl.missions.landing.judge import OUTCOMES
-from rl.missions.landing.known import KnownDeck
-from rl.missions.landing.marker import Look
 from rl.missions.landing.mission import Landing
 from rl.missions.landing.pilots import ABOVE, HIGH
-from rl.planning.config import PlanConfig
-from rl.planning.honest import HonestPlanner
+from rl.planning.planner import HonestPlanner, PlanConfig
 from taichi_sim.config import ConfigError
 
 CALM = (

@@ -8,9 +8,7 @@ import torch
 from rl.learn.policy import ClassicalPolicy
 from rl.mission import ControllerError
 from rl.missions import load_scenario, make_mission
-from rl.planning.config import PlanConfig
-from rl.planning.honest import HonestPlanner
-from rl.planning.planner import Planner
+from rl.planning.planner import HonestPlanner, PlanConfig, Planner
 from taichi_sim.config import ConfigError
 
 PLUGIN = Path(__file__).parents[1] / "data" / "plugins" / "buoys.toml"

@@ -11,7 +11,7 @@ import torch
 from refusal import assert_says
 
 from rl.adapters.gymnasium import TeamVectorEnv
-from rl.evaluation.episodes import evaluate, one_episode_each
+from rl.evaluation.episodes import judge_episodes, one_episode_each
 from rl.judge import Judge
 from rl.learn.policy import CheckpointError, TrainedPolicy, load_policy, policies_of
 from rl.learn.progress import read_history
@@ -69,7 +69,7 @@ def test_scripted_teams_get_no_policy(kind, trained, config):
 def test_the_default_judge_measures_every_team_but_the_scripted_one(trained):
     config, source = run_folder.load_config(trained)
     policies = policies_of("policy", trained, config)
-    result = evaluate(config, policies, episodes=3, seed=5, source=source, show_progress=False)
+    result = judge_episodes(config, policies, episodes=3, seed=5, source=source, show_progress=False).result
     assert list(result["teams"]) == ["boats", "scouts"]
     for figures in result["teams"].values():
         assert set(figures) == set(Judge.definitions)
@@ -157,7 +157,7 @@ def refused(run: Path, override: str) -> str:
     config, source = run_folder.load_config(run, [override], FILE)
     policies = policies_of("policy", run, config)
     with pytest.raises(CheckpointError) as caught:
-        evaluate(config, policies, episodes=1, seed=5, source=source, show_progress=False)
+        judge_episodes(config, policies, episodes=1, seed=5, source=source, show_progress=False)
     return str(caught.value)
 
 

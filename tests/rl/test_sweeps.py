@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 from command_line import tiny_config, tiny_run
 
-from rl.evaluation.sweep import run as sweeping
-from rl.evaluation.sweep.cells import cells, count_cells
-from rl.evaluation.sweep.config import find_sweep, load_sweep
+from rl.evaluation import sweeps as sweeping
+from rl.evaluation.sweeps import cells, count_cells, find_sweep, load_sweep
 from rl.learn.policy import policies_of
 from rl.missions import load_scenario
 from rl.runs import folder as run_folder

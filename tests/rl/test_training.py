@@ -16,7 +16,7 @@ from rerun.chunk import RrdReader
 from rosbags.highlevel import AnyReader
 
 from rl import cli
-from rl.evaluation.episodes import evaluate
+from rl.evaluation.episodes import judge_episodes
 from rl.learn.env import MissionEnv
 from rl.learn.policy import policies_of
 from rl.learn.runner import StageRunner
@@ -210,7 +210,7 @@ def test_evaluation_is_the_same_on_any_number_of_threads_and_again(trained, tmp_
         texts.append(file.read_text())
     assert texts[0] == texts[1]
     config, source = run_folder.load_config(trained, ["episode_duration=4"])
-    again = evaluate(config, policies(trained), episodes=40, seed=5, source=source, show_progress=False)
+    again = judge_episodes(config, policies(trained), episodes=40, seed=5, source=source, show_progress=False).result
     assert again == json.loads(texts[0])
 
 
@@ -219,10 +219,10 @@ def test_evaluation_leaves_the_run_as_it_was(trained, tmp_path):
     before = content(run)
     config, source = run_folder.load_config(run)
     for kind in ("policy", "classical"):
-        result = evaluate(
+        result = judge_episodes(
             config, policies_of(kind, run, config), episodes=2, seed=1, controller=kind, source=source,
             show_progress=False,
-        )  # fmt: skip
+        ).result  # fmt: skip
         assert result["controller"] == kind and set(result["teams"]) == set(TEAMS)
     assert content(run) == before
 

@@ -62,8 +62,7 @@ def train(config: Any, envs: int, iterations: int) -> dict[str, Any]:
     from rl.learn.env import MissionEnv
     from rl.learn.runner import StageRunner
     from rl.missions import make_mission
-    from tools.benchmarking.mission import first_stage
-    from tools.benchmarking.parts import Stopwatch
+    from tools.benchmarking.mission import Stopwatch, first_stage
 
     stage = first_stage(config).model_copy(update={"num_envs": envs, "checkpoint_interval": 10**6})
     own, rank = processes.envs_each(envs), processes.here().rank

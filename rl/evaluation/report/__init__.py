@@ -1,16 +1,13 @@
 """A run as one self-contained HTML file without scripts.
 
-sources.py reads the run's folder; about.py, sweeps.py and episodes.py each make parts of the page.
+about.py and episodes.py make the parts of the page.
 """
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from rl.evaluation.store import Run, read_run
 from taichi_sim.config.io import replacing
-
-if TYPE_CHECKING:  # matplotlib takes a second
-    from rl.evaluation.report.sources import Run
 
 NAME = "report.html"
 
@@ -27,10 +24,8 @@ def write_report(folders: Sequence[Path], out: Path | None = None) -> Path:
     Raises:
         RunError: if a folder is not a run.
     """
-    from rl.evaluation.report.about import about, curves, figures, possible  # matplotlib takes a second
+    from rl.evaluation.report.about import about, curves, figures, possible, sweeps  # matplotlib takes a second
     from rl.evaluation.report.episodes import collisions, shown_episodes
-    from rl.evaluation.report.sources import read_run
-    from rl.evaluation.report.sweeps import sweeps
     from taichi_sim.plotting.page import beside, page, paragraph, photograph, section, style
 
     runs = [read_run(folder) for folder in folders]
@@ -58,5 +53,5 @@ def write_report(folders: Sequence[Path], out: Path | None = None) -> Path:
     return out
 
 
-def _titled(title: str, run: "Run", other: "Run | None") -> str:
+def _titled(title: str, run: Run, other: Run | None) -> str:
     return title if other is None else f"{title}: {run.name}"

@@ -5,8 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
 from rl.evaluation.episode_log import BEFORE, Crash, Excerpt, TeamLog
-from rl.evaluation.report.sources import Run
-from rl.evaluation.store import recording_name
+from rl.evaluation.store import Run, recording_name
 from taichi_sim.conventions import EAST, NORTH
 from taichi_sim.plotting import INK, rgb
 from taichi_sim.plotting.page import FAINT, beside, blank, missing, panel, paragraph, svg, text

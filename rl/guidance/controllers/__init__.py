@@ -3,10 +3,13 @@
 Each derives from `SlotController` (avoidance.py). A vehicle's own controller (`Vehicle.controller`) takes precedence.
 """
 
+from collections.abc import Mapping
+
 from rl.guidance.avoidance import SlotController
 from rl.guidance.controllers.fixed_wing_6dof import FixedWing6DofController
 from rl.guidance.controllers.unity import UnityAircraftController, UnityBoatController
 from rl.guidance.controllers.vessel import Hull6DofController, Manoeuvring3dofController
+from taichi_sim.config.io import validate
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 from taichi_sim.uav.unity_aircraft import UnityAircraft
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
@@ -21,3 +24,13 @@ CONTROLLERS: dict[type[Vehicle], type[SlotController]] = {
     UnityAircraft: UnityAircraftController,
     FixedWing6DOF: FixedWing6DofController,
 }
+
+
+def controller_of(model: Vehicle, gains: Mapping[str, float], key: str) -> SlotController | None:
+    """The controller of a vehicle's `model` with `gains`; None if there is none.
+
+    Raises:
+        ConfigError: for unknown gains, by the scenario's `key`.
+    """
+    kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
+    return None if kind is None else kind(model, validate(kind.Gains, dict(gains), key))

@@ -139,9 +139,6 @@ class FlightCommand(NamedTuple):
     evading: Tensor  # bool: avoidance has changed it
 
 
-Way = FlightCommand  # its earlier name
-
-
 def velocity_through_air(team: Knowledge) -> Tensor:
     """Velocity through the air [env, vehicle, 3] (m/s, NED), of the airspeed and the angles the aircraft measures."""
     Va, alpha, beta = team.fleet.aux[..., READINGS : READINGS + 3].unbind(-1)

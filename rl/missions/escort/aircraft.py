@@ -7,21 +7,25 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from rl.guidance.geometry import EAST, NORTH, SLOT_SIZE, TARGET_SIZE, SlotErrors, Target
+from rl.guidance.geometry import EAST, NORTH, SLOT_SIZE, TARGET_SIZE, SlotErrors, Target, to_starboard
 from rl.guidance.observations import squashed
 from rl.guidance.residual import ResidualTeam
 from rl.missions.escort.circling import CIRCLE_SCALE, FAR_SCALE, SLOW_SCALE, CircleErrors, CircleKnowledge, CirclingForm
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
 from rl.perception.contacts import TrackedContacts
-from rl.perception.instruments import Readings
+from rl.perception.instruments import InstrumentsConfig, Readings
 from rl.perception.sensors import Sensor
 from rl.perception.sightings import Camera
+from taichi_sim.conventions import DOWN, QUATERNION, STATE_SIZE
+from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.rotation import DERIVED_SIZE, HEADING_COS, HEADING_SIN, ROTATION, VELOCITY_N
 
 if TYPE_CHECKING:
     from rl.missions.escort.mission import Escort
 
 SEARCH_PITCH, SEARCH_SPEED = 1.0, 0.5  # of the circle's radius; of the cruising speed, along the spiral; assumed
+SCOUT_SPEED = 25.0  # m/s; assumed
 BEGINS = 1.5  # radii of the circle from the vessel's expected place, within which a search begins; assumed
 
 
@@ -100,12 +104,12 @@ class EscortAircraft(ResidualTeam):
     @property
     def layout(self) -> Mapping[str, int]:
         """Terms of its observations and their widths (circling.py)."""
-        return self.measured.widths
+        return self.measured.circle.widths
 
     def observe(self) -> Tensor:
         """Observations [env, aircraft, n], a fresh tensor each time."""
         with runtime.torch_at_rest():
-            return self.measured.observe(self.action, self.reference())
+            return self.measured.circle.observe(self.action, self.reference())
 
     @property
     def privileged(self) -> Tensor | None:
@@ -122,11 +126,8 @@ class EscortAircraft(ResidualTeam):
         return torch.cat(parts, dim=-1)
 
 
-Aircraft = EscortAircraft  # its earlier name
-
-
 class MeasuredAircraft:
-    """Knowledge of the aircraft (rl/guidance/knowledge.py), with the inputs of their orbit (orbit.py).
+    """Knowledge of the aircraft (rl/guidance/knowledge.py), with the inputs of their orbit (circling.py).
 
     Attributes:
         fleet: own state as measured. orbit: the circle to fly.
@@ -136,7 +137,7 @@ class MeasuredAircraft:
         believed: [env, aircraft, 2] the place that a camera on a gimbal looks at, m.
         gap_error: [env, aircraft] (rad) from the aircraft that have been heard.
         height_error: [env, aircraft] (m, down) height to be held less own height.
-        target: the tangent of the circle at each aircraft.
+        target: the tangent of the circle at each aircraft. circle: writes what they know, and observations of it.
     """
 
     STATE = ("target", "now", "centre_velocity", "gap_error", "height_error", "sensor", "_boats", "_farthest")
@@ -161,7 +162,7 @@ class MeasuredAircraft:
         self.believed = self.centre
         self.gap_error, self.height_error = state.new_zeros(state.shape[:2]), state.new_zeros(state.shape[:2])
         self._boats, self._farthest = (state.new_zeros((*state.shape[:2], n)) for n in (2, 1))
-        self._circle = CircleKnowledge(self, team, form)
+        self.circle = CircleKnowledge(self, team, form)
 
     @property
     def steps(self) -> Tensor:
@@ -171,7 +172,7 @@ class MeasuredAircraft:
     def measure(self, which: Tensor, rows: int) -> None:
         """Measure in environments `which` [env] int32, `rows` of them."""
         team = self._team
-        self._circle.listen(which, rows)
+        self.circle.listen(which, rows)
         self.sensor.update(which, rows, self.steps, team.mission.noise.table)
 
     @property
@@ -179,11 +180,71 @@ class MeasuredAircraft:
         """Mean place of the boats heard [env, aircraft, 2] and distance to the farthest [env, aircraft, 1], m, or 0."""
         return self._boats, self._farthest
 
-    @property
-    def widths(self) -> Mapping[str, int]:
-        """Terms of the observations and their widths."""
-        return self._circle.widths
 
-    def observe(self, action: Tensor, reference: Tensor | None) -> Tensor:
-        """Observations [env, aircraft, n], a fresh tensor (circling.py)."""
-        return self._circle.observe(action, reference)
+def scout_observers(mission: "Escort", name: str, first: int) -> ObserverGroup:
+    """Scouts in the place of the aircraft of team `name` as observers, numbered from `first` on."""
+    section, like = mission.config.parts[name], mission.hs
+    rows = mission.num_envs, section.count
+    views = Views(
+        None,  # pyright: ignore[reportArgumentType] (there is no model: nothing is simulated)
+        like.new_zeros((*rows, STATE_SIZE)), like.new_zeros((*rows, DERIVED_SIZE)), like.new_zeros((*rows, 1)),
+    )  # fmt: skip
+    views.state[..., QUATERNION.start] = 1.0
+    return ObserverGroup(first, views, views, SpiralSearch(section.orbit.radius, SCOUT_SPEED, section.orbit.radius))
+
+
+class Scouts:
+    """Scripted aircraft, which send sightings to the boats while the team of aircraft does not take part.
+
+    There are as many as the scenario has aircraft. Each is a point that flies level at `SCOUT_SPEED` along the field of
+    `OrbitController` (circling.py) about the true vessel, starting above the boats. It has a gimballed camera that
+    looks at the vessel, and a radio. Its instruments have no errors; its camera has finite pixels, and the radio has
+    its range, delay and loss.
+    """
+
+    STATE = ("views", "camera")
+
+    def __init__(self, mission: "Escort", name: str, tracking: SharedTracking):
+        """Make as many as team `name` has vehicles, which are among the observers of `tracking`."""
+        section, like = mission.config.parts[name], mission.hs
+        self.mission, self.name, self.section, self.orbit = mission, name, section, section.orbit
+        group = tracking.groups[name]
+        self.views = group.own
+        camera = section.camera.model_copy(update={"mount": "gimbal"})
+        self.camera = Camera(
+            camera, InstrumentsConfig(), tracking.sightings, tracking.objects, mission.hs, self.views, self.views,
+            first=group.first, vehicles=mission.config.first_number(name),
+        )  # fmt: skip
+        steps = torch.arange(section.count, device=like.device, dtype=like.dtype)
+        self._height = self.orbit.height + self.orbit.height_step * steps
+
+    def begin(self, envs: Tensor, place: Tensor) -> None:
+        """Begin episodes in environments `envs` [n], with scouts near `place` [n, 2] (m)."""
+        state = self.views.state
+        turn = 2 * math.pi / self.section.count * torch.arange(self.section.count, device=state.device)
+        about = 20.0 * torch.stack((turn.cos(), turn.sin()), dim=-1)
+        row = state[envs]
+        row[..., :2] = place.unsqueeze(1).to(row) + about.to(row)
+        row[..., DOWN] = -self._height
+        state[envs] = row
+
+    def measure(self, which: Tensor) -> None:
+        """Fly on in environments [env] int32 that are 1."""
+        state, derived = self.views.state, self.views.derived
+        R, sigma, dt = self.orbit.radius, self.orbit.turn, self.mission.config.decision_interval
+        x = state[..., :2] - self.mission.vessel_place.unsqueeze(1)
+        r = x.norm(dim=-1, keepdim=True).clamp(min=1.0)
+        e = x / r
+        d = (-(r * r - R * R) * e + 2 * sigma * r * R * to_starboard(e)) / (r * r + R * R)
+        step = (which == 1).to(d).view(-1, 1, 1)
+        state[..., :2] += SCOUT_SPEED * dt * step * d
+        c, s = d.unbind(-1)
+        zero, one = torch.zeros_like(c), torch.ones_like(c)
+        derived[..., ROTATION] = torch.stack((c, -s, zero, s, c, zero, zero, zero, one), dim=-1)
+        derived[..., VELOCITY_N] = torch.cat((SCOUT_SPEED * d, torch.zeros_like(r)), dim=-1)
+        derived[..., HEADING_COS], derived[..., HEADING_SIN] = c, s
+        self.camera.aim(self.mission.vessel_place.unsqueeze(1).expand_as(x))
+
+    def look(self, which: Tensor, rows: int) -> None:
+        """Look at the vessel, in environments [env] int32 that are not 0, `rows` of them."""
+        self.camera.see(which, rows, self.mission.noise.table)

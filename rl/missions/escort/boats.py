@@ -124,9 +124,6 @@ class EscortBoats(ResidualTeam):
         return self.now.distance
 
 
-Boats = EscortBoats  # its earlier name
-
-
 class MeasuredBoats:
     """Knowledge of the boats (rl/guidance/knowledge.py).
 

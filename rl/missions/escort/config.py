@@ -13,7 +13,7 @@ from rl.missions.escort.rewards import EscortAircraftReward, EscortBoatReward
 from rl.perception.contacts import SensorsConfig
 from rl.perception.radio import RadioConfig
 from rl.perception.sightings import CameraConfig, LookoutConfig
-from rl.planning.config import PlanConfig
+from rl.planning.planner import PlanConfig
 from rl.scenario import Evaluation, Scenario
 from taichi_sim.config import Fraction, NonNegative, Positive, Span, Strict, TeamConfig
 

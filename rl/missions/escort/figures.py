@@ -51,7 +51,7 @@ def scene_figure(episode: Episode, config: EscortScenario) -> Figure:
             if not flies:
                 axes.plot(east[::step], north[::step], "o", color=colour, markersize=5 if name == parts.vessel else 3)
     for north, east, radius, _ in episode.scene.obstacles:
-        axes.add_patch(_disc(east, north, radius))
+        axes.add_patch(Circle((east, north), radius, color="#8C4A3A"))
     for overlay in episode.overlays:
         if isinstance(overlay, Cylinders):
             axes.plot(overlay.position_n[..., EAST], overlay.position_n[..., NORTH], color="#C47828", linewidth=0.8)
@@ -61,10 +61,6 @@ def scene_figure(episode: Episode, config: EscortScenario) -> Figure:
     dress(axes, f"marks each {EVERY:.0f} s", "east (m)", "north (m)")
     axes.legend(loc="best", framealpha=0.9)
     return figure
-
-
-def _disc(east: float, north: float, radius: float) -> Circle:
-    return Circle((east, north), radius, color="#8C4A3A")
 
 
 def _reach(episode: Episode, flying: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

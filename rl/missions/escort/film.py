@@ -20,9 +20,8 @@ from taichi_sim.conventions import HORIZONTAL
 from taichi_sim.recording.overlays import Ellipsoids, Lines, Overlay, Plot
 
 if TYPE_CHECKING:
-    from rl.missions.escort.aircraft import EscortAircraft
+    from rl.missions.escort.aircraft import EscortAircraft, Scouts
     from rl.missions.escort.mission import Escort
-    from rl.missions.escort.scouts import Scouts
 
 Frames = Mapping[str, NDArray[np.float64]]
 """Data of the drawings: name -> [frame, ...]."""

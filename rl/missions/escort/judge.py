@@ -69,7 +69,7 @@ class EscortJudge(ErrorJudge["Escort", EscortScenario]):
         mission, config = self.mission, self.mission.config
         alive, team, dt = ~self.failed, mission.teams[self.name], config.decision_interval
         time = number * dt
-        arrived = mission.arrived.cpu().numpy() if self._has_boats else np.full(len(alive), time > 60.0)
+        arrived = mission.arrived.cpu().numpy() if mission.boats is not None else np.full(len(alive), time > 60.0)
         new = alive & arrived & np.isnan(self.arrival)
         self.arrival[new] = time
         if self.boats:
@@ -97,10 +97,6 @@ class EscortJudge(ErrorJudge["Escort", EscortScenario]):
         gap = team.sensor.gap.amin(dim=1).double().cpu().numpy()
         self.gap[alive] = np.fmin(self.gap, gap)[alive]
         super().see(step, number)
-
-    @property
-    def _has_boats(self) -> bool:
-        return self.mission.config.escort.boats in self.mission.teams
 
     def series(self) -> dict[str, Tensor]:
         """Distance from the slot or the circle, clearance, and the age of what is known of the vessel."""

@@ -13,21 +13,19 @@ import torch
 from torch import Tensor
 
 from rl.course.obstacles import RADIUS, TOP, Bodies
-from rl.guidance.controllers import CONTROLLERS
+from rl.guidance.controllers import controller_of
 from rl.guidance.shapes import escort_offsets
 from rl.mission import Endings, Frame, Histories, Mission, Step
 from rl.missions.escort import rewards
-from rl.missions.escort.aircraft import EscortAircraft, aircraft_observers
+from rl.missions.escort.aircraft import EscortAircraft, Scouts, aircraft_observers, scout_observers
 from rl.missions.escort.boats import EscortBoats, boat_observers
-from rl.missions.escort.checks import check_parts, check_slots, warn_of_speeds
+from rl.missions.escort.circling import OrbitController, OrbitGains
 from rl.missions.escort.config import EscortScenario
 from rl.missions.escort.film import overlays_of
 from rl.missions.escort.judge import EscortJudge
-from rl.missions.escort.orbit import OrbitController, OrbitGains
-from rl.missions.escort.scouts import Scouts, scout_observers
 from rl.missions.escort.tracking import SharedTracking, write_objects
 from rl.missions.escort.vessel import Wanderer
-from rl.missions.escort.worlds import afloat, aloft, draw_worlds
+from rl.missions.escort.worlds import afloat, aloft, check_parts, check_slots, draw_worlds, warn_of_speeds
 from rl.perception.sightings import Sighting
 from rl.rewards import fine, paid
 from rl.team import Controller
@@ -214,8 +212,7 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
 
     def begin_each(self) -> None:
         """Begin environment e on world e and sea e."""
-        numbers = torch.arange(self.num_envs, device=self.device)
-        self.reset(seas=numbers % self.world.sea.num_seas, worlds=numbers)
+        self.reset(seas=self._all % self.world.sea.num_seas, worlds=self._all)
 
     # -- logs, recordings, controllers -----------------------------------------------------------------------------
 
@@ -268,7 +265,7 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
         write_escort_figures(out, histories, episode, config)
 
     def controller(self, team: EscortBoats | EscortAircraft) -> Controller | None:
-        """The vehicle's own controller; else for boats that of formations, for aircraft that of orbit.py, if any.
+        """The vehicle's own controller; else for boats that of formations, for aircraft that of circling.py, if any.
 
         Raises:
             ConfigError: for unknown gains.
@@ -280,8 +277,7 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
         if isinstance(team, EscortAircraft):
             flies = isinstance(model, FixedWing6DOF)
             return OrbitController(model, validate(OrbitGains, gains, key)) if flies else None
-        kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
-        return None if kind is None else kind(model, validate(kind.Gains, gains, key))
+        return controller_of(model, gains, key)
 
 
 MISSION = Escort

@@ -13,14 +13,13 @@ import torch
 from torch import Tensor
 
 from rl.guidance.avoidance import Avoider
-from rl.guidance.controllers import CONTROLLERS
+from rl.guidance.controllers import controller_of
 from rl.guidance.controllers.vessel import CourseCommand, Hull6DofController, Manoeuvring3dofController
 from rl.guidance.geometry import SLOT_SIZE, SlotErrors, Target, course_of, wrap
 from rl.guidance.geometry import TARGET_SIZE as TARGET
 from rl.missions.escort.config import EscortScenario
 from rl.perception.sensors import Mate, Nearby, Sensor
 from taichi_sim.config import ConfigError
-from taichi_sim.config.io import validate
 from taichi_sim.conventions import QUATERNION, STATE_SIZE, SURGE
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 from taichi_sim.script import Script
@@ -56,11 +55,11 @@ class Wanderer(Script):
         super().__init__(world, name)
         self.config, self.fleet = cast(EscortScenario, world.config), world.teams[name]
         model, state = self.fleet.model, self.fleet.state
-        kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
         section = self.config.parts[name]
-        if kind is None or model.medium != "water":
+        sails = model.medium == "water"
+        controller = controller_of(model, section.control, f"{name}.control") if sails else None
+        if controller is None:
             raise ConfigError(f"{name}.vehicle = {section.vehicle!r}: not a vessel that a script can sail")
-        controller = kind(model, validate(kind.Gains, dict(section.control), f"{name}.control"))
         if not isinstance(controller, Hull6DofController | Manoeuvring3dofController):
             raise ConfigError(
                 f"{name}.vehicle = {section.vehicle!r}: the script sails only manoeuvring_3dof and hull_6dof"

@@ -11,7 +11,7 @@ from rl.guidance.shapes import Shape
 from rl.missions.formation.rewards import TrackingReward
 from rl.perception.contacts import SensorsConfig
 from rl.perception.radio import RadioConfig
-from rl.planning.config import PlanConfig
+from rl.planning.planner import PlanConfig
 from rl.scenario import Evaluation, Scenario
 from taichi_sim.config import Fraction, NonNegative, Ordered, Positive, Strict, TeamConfig
 

@@ -132,7 +132,12 @@ def tracking_error_figure(episode: Episode, settle: float = 0.0) -> Figure:
         finite = of_team[measured][np.isfinite(of_team[measured])]
         ceiling = max(1.0, 1.35 * float(finite.max())) if len(finite) else 1.0
         if settle > 0:
-            _shade_approach(axes, min(settle, time[-1]), ceiling)
+            until = min(settle, time[-1])
+            axes.axvspan(0.0, until, color=NOT_MEASURED, alpha=0.5, linewidth=0)
+            axes.text(
+                0.5 * until, 0.96 * ceiling, "approach,\nnot measured", ha="center", va="top", fontsize=8, color=INK,
+                zorder=6,
+            )  # fmt: skip
         dress(axes, f"({letter}) {name.upper()} team", "", "distance from slot (m)")
         axes.set(xlim=(0.0, time[-1]), ylim=(0.0, ceiling))
         handles, labels = axes.get_legend_handles_labels()
@@ -141,14 +146,6 @@ def tracking_error_figure(episode: Episode, settle: float = 0.0) -> Figure:
         )  # fmt: skip
     panels[-1].set_xlabel("time (s)")
     return figure
-
-
-def _shade_approach(axes, until: float, ceiling: float) -> None:
-    """Grey the part of an episode, up to `until` (s), that is not measured."""
-    axes.axvspan(0.0, until, color=NOT_MEASURED, alpha=0.5, linewidth=0)
-    axes.text(
-        0.5 * until, 0.96 * ceiling, "approach,\nnot measured", ha="center", va="top", fontsize=8, color=INK, zorder=6,
-    )  # fmt: skip
 
 
 def formation_figure(episode: Episode) -> Figure:

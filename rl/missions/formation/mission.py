@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from rl.course.obstacles import ROWS, Bodies
-from rl.guidance.controllers import CONTROLLERS
+from rl.guidance.controllers import controller_of
 from rl.guidance.geometry import Geometry, SlotErrors, Target, Targets
 from rl.guidance.knowledge import Knowledge
 from rl.guidance.observations import ObservationWriter
@@ -27,10 +27,9 @@ from rl.perception.contacts import SensorsConfig, TrackedContacts
 from rl.perception.instruments import Readings
 from rl.perception.radio import Radio
 from rl.perception.sensors import Nearby, Sensor
-from rl.planning.honest import write_obstacles_as_bodies
+from rl.planning.planner import write_obstacles_as_bodies
 from rl.team import Controller
 from taichi_sim.config import AirConfig, SeaConfig
-from taichi_sim.config.io import validate
 from taichi_sim.conventions import DOWN
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
@@ -206,11 +205,6 @@ class Formation(Mission[FormationScenario, TeamTask]):
         )  # fmt: skip
         return {name: TeamTask(self, name, self.targets) for name in names}
 
-    @property
-    def progress(self) -> Tensor:
-        """[env] m of the targets along their tracks."""
-        return self.targets.progress
-
     # -- one step --------------------------------------------------------------------------------------------------
 
     def measure(self) -> None:
@@ -257,7 +251,7 @@ class Formation(Mission[FormationScenario, TeamTask]):
         worlds = self.draw(self.tracks.worlds, n) if worlds is None else worlds
         starts = self.draw(PER_WORLD, n) if starts is None else starts
         self.env_world[envs] = worlds
-        self.progress[envs] = self.starts.progress[worlds, starts]
+        self.targets.progress[envs] = self.starts.progress[worlds, starts]
         self.bodies.begin(envs, worlds, starts, self.world.current.velocity)
         self.targets.move(self.which, n)
         aloft = self.world.wind.velocity.index_select(0, envs)[:, :2] * self.wind_factor  # at the flight height
@@ -281,9 +275,8 @@ class Formation(Mission[FormationScenario, TeamTask]):
 
     def begin_each(self) -> None:
         """Environment e begins on world e and sea e."""
-        numbers = torch.arange(self.num_envs, device=self.device)
-        seas = numbers % self.world.sea.num_seas
-        self.reset(seas=seas, worlds=numbers, starts=torch.zeros_like(numbers))
+        seas = self._all % self.world.sea.num_seas
+        self.reset(seas=seas, worlds=self._all, starts=torch.zeros_like(self._all))
 
     # -- what others ask -------------------------------------------------------------------------------------------
 
@@ -348,11 +341,7 @@ class Formation(Mission[FormationScenario, TeamTask]):
         own = super().controller(team)
         if own is not None:
             return own
-        model = team.fleet.model
-        kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
-        if kind is None:
-            return None
-        return kind(model, validate(kind.Gains, dict(team.section.control), f"{team.name}.control"))
+        return controller_of(team.fleet.model, team.section.control, f"{team.name}.control")
 
 
 def imagined_scenario(config: FormationScenario, name: str) -> FormationScenario:
@@ -375,7 +364,7 @@ def imagined_scenario(config: FormationScenario, name: str) -> FormationScenario
 
 
 class ImaginedFormation(Formation):
-    """The model in which an honest planner (rl/planning/honest.py) tries plans of one team.
+    """The model in which an honest planner (rl/planning/planner.py) tries plans of one team.
 
     It has nominal vehicles, calm water, the scenario's mean wind and current, exact sensors and no radio. Track, target
     and slots are the plan, which all vehicles know. Its obstacles are those that the vehicles sense; they keep their

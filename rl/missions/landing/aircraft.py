@@ -7,9 +7,7 @@ import torch
 from torch import Tensor
 
 from rl.guidance.observations import squashed
-from rl.missions.landing.deck import DeckMotion, into_level
-from rl.missions.landing.known import LAGS, KnownDeck
-from rl.missions.landing.marker import Marker
+from rl.missions.landing.deck import LAGS, DeckMotion, KnownDeck, Marker, into_level
 from rl.missions.landing.pilots import Pilot, corrected
 from rl.perception.instruments import Readings
 from rl.team import Team

@@ -13,7 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from rl.guidance.controllers import CONTROLLERS
+from rl.guidance.controllers import controller_of
 from rl.guidance.controllers.vessel import CourseCommand
 from rl.guidance.geometry import TARGET_SIZE, Target, wrap
 from rl.guidance.observations import squashed
@@ -21,7 +21,6 @@ from rl.mission import ControllerError
 from rl.missions.landing.deck import DeckMotion, deck_motion, into_level
 from rl.perception.instruments import Readings
 from rl.team import Team
-from taichi_sim.config.io import validate
 from taichi_sim.conventions import AHEAD, DOWN, STARBOARD
 from taichi_sim.kernels.rotation import torch_euler_from_rotation
 from taichi_sim.script import Script
@@ -78,14 +77,8 @@ class Boats(Team):
 
     def _helm(self, manned: bool) -> Any:
         """The classical controller; None for a vessel that has none, if boats take no part."""
-        model, section = self.fleet.model, self.section
-        kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
         try:
-            helm = (
-                None
-                if kind is None
-                else kind(model, validate(kind.Gains, dict(section.control), f"{self.name}.control"))
-            )
+            helm = controller_of(self.fleet.model, self.section.control, f"{self.name}.control")
         except ControllerError:
             if manned:
                 raise
@@ -94,7 +87,8 @@ class Boats(Team):
             return helm
         if manned:
             raise ControllerError(
-                f"{self.name}.vehicle = {section.vehicle!r}: the mission sails manoeuvring_3dof and hull_6dof alone"
+                f"{self.name}.vehicle = {self.section.vehicle!r}: the mission sails manoeuvring_3dof and hull_6dof "
+                "alone"
             )
         return None
 

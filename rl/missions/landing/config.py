@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 from rl.missions.landing.rewards import AircraftReward, BoatReward
 from rl.perception.contacts import SensorsConfig
 from rl.perception.radio import RadioConfig
-from rl.planning.config import PlanConfig
+from rl.planning.planner import PlanConfig
 from rl.scenario import Evaluation, Scenario
 from taichi_sim.config import Fraction, NonNegative, Positive, Span, Strict, TeamConfig
 

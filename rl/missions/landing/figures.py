@@ -8,7 +8,7 @@ import torch
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from rl.figures import policy_loss_figure, reward_figure, save_figures
+from rl.figures import save_figures, training_figures
 from rl.mission import Histories
 from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.plotting import INK, dress, new_figure, rgb
@@ -23,14 +23,8 @@ AROUND = 2.5  # m about the deck's middle, likewise
 
 def write_landing_figures(out: Path, histories: Histories, episode: Episode | None, config: Any) -> list[Path]:
     """Every figure there is something to draw for, into `out`; an old one stays until the new is whole."""
-    figures: dict[str, Figure] = {}
-    if episode is not None:
-        figures["landing"] = landing_figure(episode, config)
-    if histories:
-        colours = {} if episode is None else episode.liveries
-        figures["reward"] = reward_figure(histories, colours)
-        figures["policy_loss"] = policy_loss_figure(histories, colours)
-    return save_figures(out, figures)
+    figures = {} if episode is None else {"landing": landing_figure(episode, config)}
+    return save_figures(out, figures | training_figures(histories, episode))
 
 
 def over_deck(boats: TeamTrack, aircraft: TeamTrack, vehicle: int) -> tuple[Array, Array]:

@@ -55,7 +55,7 @@ class LandingJudge(Judge):
         self.outcome = np.full(shape, NONE)
         self.time, self.error, self.speed = (np.full(shape, np.nan) for _ in range(3))
         self.aborts, self.work = np.zeros(shape), np.zeros(shape)
-        self.speeds, self.tilts, self.steps = (np.zeros(len(shape) and shape[0]) for _ in range(3))
+        self.speeds, self.tilts, self.steps = (np.zeros(shape[0]) for _ in range(3))
 
     def see(self, step: Any, number: int) -> None:
         """Take decision `number` (from 1) into account, of each aircraft until it has ended."""

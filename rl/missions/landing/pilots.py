@@ -23,8 +23,7 @@ import torch
 from torch import Tensor
 
 from rl.missions.landing.config import PilotConfig
-from rl.missions.landing.deck import out_of_level
-from rl.missions.landing.known import BLIND
+from rl.missions.landing.deck import BLIND, out_of_level
 from taichi_sim.conventions import BELOW, DOWN, GRAVITY
 from taichi_sim.forecast import Autoregression
 
