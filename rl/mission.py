@@ -4,8 +4,8 @@ A scenario file names its mission (`mission = "formation"`, a package of rl/miss
 class derives from `Mission` and implements `begin`, `observe` and `reward`; every other method has a default here.
 A mission owns a `World` with any number of teams. Data of a team are torch tensors [env, vehicle, ...].
 
-        step     the world moves -> `measure` -> `endings` -> `reward`; the adapters, not the mission, reset
-        environments reset    a sea, a time and a wind are drawn -> `begin` places the vehicles -> `measure_again`
+    step     the world moves -> `measure` -> `endings` -> `reward`; adapters, not the mission, reset environments
+    reset    a sea, a time and a wind are drawn -> `begin` places the vehicles -> `measure_again`
 
 Observation terms are named: `observe` returns an ordered dictionary. Checkpoints and exported policies store names and
 widths. A policy refuses observations other than those of its training, and names the difference (learn/policy.py).
@@ -202,9 +202,10 @@ class Mission(Stateful, Generic[C, T]):
         return -self.reward(team, Endings({COLLIDED: ended, DIVERGED: nothing}))
 
     def imagined(self, team: T) -> "Mission[C, T] | None":
-        """A mission with as many environments, in which an honest planner (rl/planning) can try plans of a team.
+        """Return the model in which an honest planner (rl/planning) tries plans of a team: a mission with as many
+        environments.
 
-        It has nominal vehicles and contains only what the team knows. Default: None, the mission offers no such model.
+        It has nominal vehicles and contains only what the team knows. Default: None, there is no such model.
         """
         return None
 

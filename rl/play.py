@@ -9,7 +9,7 @@ if __package__ in (None, ""):  # run as a script: the packages are beside this f
 
 
 def parser() -> argparse.ArgumentParser:
-    """The arguments."""
+    """Return the parser of the command's arguments."""
     from rl import cli
 
     p = argparse.ArgumentParser(description=__doc__)

@@ -33,8 +33,8 @@ class Team(Generic[M, S]):
     Attributes:
         mission: the mission. name: of the team. section: the team's section of the scenario. fleet: the vehicles.
         action, previous_action: [env, vehicle, action] of the last two steps, zero at the start of an episode.
-        known: what the vehicles know, with the attributes of a team: the input of classical controllers. Default: the
-            team itself.
+        known: what the vehicles know, the input of classical controllers. It has the attributes of a team; by default
+        it is the team itself, the ground truth.
     """
 
     STATE: tuple[str, ...] = ("action", "previous_action", "_in_use")

@@ -118,7 +118,7 @@ class ParallelMission(ParallelEnv[str, np.ndarray, np.ndarray]):
         return self._arrays(stepped.observations), rewards, terminated, truncated, self._infos(stepped.infos)
 
     def state(self) -> np.ndarray:
-        """Privileged information for a central critic, float32 [m]."""
+        """Observations and privileged information for a central critic, float32, one axis."""
         return _array(self._env.state()[0])
 
     def render(self) -> np.ndarray | None:

@@ -1,4 +1,6 @@
-"""One episode with every state of every team, for recordings and figures; the format of a recording by its name."""
+"""One episode with every state of every team, for recordings and figures. A recording's file name chooses its
+format.
+"""
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -130,8 +130,8 @@ class ResidualTeam(Team):
 
     @property
     def plan_names(self) -> tuple[str, ...]:
-        """Of the velocity that the classical controller asks for, along and to starboard of the course, m/s; of the
-        vehicle's actions, where it asks for none.
+        """Names of the corrections in a plan: of the classical velocity command, along and to starboard of the course,
+        m/s; of the vehicle's actions if the controller commands no velocity.
         """
         return CORRECTIONS if hasattr(self.controller, "wanted") else super().plan_names
 

@@ -192,7 +192,9 @@ def _partners(rank: int, count: int) -> list[int]:
 
 @contextlib.contextmanager
 def _connected(rank: int, count: int) -> Iterator[dict[int, Connection]]:
-    """Connections to the partners on this machine. All ranks call this together, after torch has joined them."""
+    """Connect this rank to its `partners` on this machine; yield the connections by rank. All ranks must call this
+    together, after torch has connected them.
+    """
     if count & (count - 1):
         yield {}
         return

@@ -70,7 +70,7 @@ class Problem:
     """
 
     def __init__(self, windows: Sequence[Window], interval: float, logs: int, known: Array | None = None):
-        """Of `windows` of so many logs, whose samples are `interval` s apart."""
+        """Prepare the search over the `windows` of the logs, whose samples are `interval` s apart."""
         self.windows, self.logs, self.known = list(windows), logs, known
         self.measured = np.stack([w.motion[lead_steps(interval) :] for w in windows])  # [window, step + 1, 4]
         self.of = np.array([w.log for w in windows])

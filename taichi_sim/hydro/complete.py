@@ -1,5 +1,5 @@
-"""Completion of a hydrodynamic database for the simulator: a memory of radiated waves, and the loads on its own
-panels.
+"""Completes a hydrodynamic database for the simulator: adds the radiation memory, and the Froude-Krylov loads on the
+simulator's own panels.
 """
 
 from dataclasses import replace

@@ -189,7 +189,10 @@ class Record:
 
 @ti.func
 def group(width: ti.template(), first, envs, count):
-    """Environments and numbers in them of `width` vehicles from the `first` on, of `count` in each of `envs`."""
+    """Environment and number in it of each of `width` consecutive vehicles, beginning with vehicle `first`.
+
+    Vehicles are counted through all `envs` environments, `count` in each. Members beyond the last are copies of it.
+    """
     e, i = first // count, first % count
     if ti.static(width > 1):
         envs_of, numbers_of = ti.Vector([e] * width), ti.Vector([i] * width)

@@ -93,9 +93,10 @@ def walls(
     foot: tuple[float, float, float], top: tuple[float, float, float], z: float, rise: float,
     part: tuple[float, float], grow: float, colour: Colour,
 ) -> Mesh:  # fmt: skip
-    """A deckhouse between two fractions `part` of its height `rise`, its walls leaning in, `grow` m outside them.
+    """Return the walls of a deckhouse between two fractions `part` of its height `rise` (m), moved outward by `grow`
+    (m).
 
-    `foot`, at the level z, and `top` are its aft and its fore end, and half its width, m.
+    The walls lean in from `foot`, at the level z, to `top`; each is (aft end, fore end, half width), m.
     """
     rings = []
     for share in part:

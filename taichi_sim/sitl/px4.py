@@ -98,8 +98,9 @@ class Px4Session:
         self._send = None
 
     def tick(self) -> float:
-        """Do what is due by the clock: frames before the first controls, and frames to be sent again; return the
-        number of seconds until something is due.
+        """Send what is due by the wall clock; return the seconds until something is due.
+
+        Due are frames at real time until the first controls come, and the last frame again if no controls follow.
         """
         now = time.monotonic()
         if not self.connected:

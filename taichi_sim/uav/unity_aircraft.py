@@ -8,8 +8,8 @@ v <- (v + F/m dt) (1 - drag dt), x <- x + v dt. There is no gravity, lift or win
 The paper lists pitch, yaw and boost as actions, so roll follows from yaw, by one of two rules:
 - "script", the published one: the roll command is minus the yaw command, or levels (-roll / max_roll) when the yaw
   command is exactly zero, which a continuous policy never commands;
-- "coordinated" (default): bank command + yaw - roll / max_roll levels and banks at once; at the script's three
-  yaw values -1, 0, 1 it starts and ends alike.
+- "coordinated" (default): the roll command is the bank command + yaw - roll / max_roll, which banks and levels at the
+  same time; at the script's three yaw values -1, 0, 1 the motion has the same start and end as by the script.
 Roll does not turn the nose, so the rule changes the picture, not the path.
 
 Signs here are forward-right-down: pitch up, yaw right and bank right are positive (Unity: nose down, right, left).

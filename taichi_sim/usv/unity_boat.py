@@ -102,13 +102,13 @@ class BoatNumbers(NamedTuple):
 class UnityBoat(Vessel):
     """Steps a team of boats in place. Actions in [-1, 1] map to I_v in [0, 1] and to I_h; the controls are I_v and I_h.
 
-    The labels of the corners (waves.py) are their positions plus the horizontal displacement D of the surface particle
-    at the hull's centre, one for all four. D is updated by one fixed-point step per physics step, from a linear
-    prediction. The auxiliary state [env, vehicle, 4] is D (north, east, m) and its change in the last step. On the
-    paper's sea, at speed, the mean height under the hull is within 5 % of hs of the exact inverse
-    (tests/physics/test_unity_boat.py). Four exact inverses would take four times as long, which a boat with a guessed
-    mass does not justify. The buoyancy of the corners rights the boat until it lies on its side, and it cannot be
-    swamped. The current at the surface acts on it; the wind does not.
+    The Lagrangian labels of the corners (waves.py) are their positions plus one displacement for all four: D, the
+    horizontal displacement of the surface particle at the hull's centre. D is updated by one fixed-point step per
+    physics step, from a linear prediction. The auxiliary state [env, vehicle, 4] is D (north, east, m) and its change
+    in the last step. On the paper's sea, at speed, the mean height under the hull is within 5 % of hs of the exact
+    inverse (tests/physics/test_unity_boat.py). Four exact inverses would take four times as long, which a boat with a
+    guessed mass does not justify. The buoyancy of the corners rights the boat until it lies on its side, and it cannot
+    be swamped. The current at the surface acts on it; the wind does not.
     """
 
     Params = UnityBoatParams
@@ -130,7 +130,7 @@ class UnityBoat(Vessel):
         return np.stack(np.broadcast_arrays(2.0 * np.asarray(ahead) - 1.0, helm), axis=-1)
 
     def own(self, values: Mapping[str, Number]) -> BoatNumbers:
-        """Numbers that the kernel uses."""
+        """Return the kernel's numbers, derived from the `values` of the vehicle file."""
         mass = values["mass"]
         Ix, Iy, Iz = (mass * share for share in self.params.inertia_shares)
         return BoatNumbers(

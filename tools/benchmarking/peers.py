@@ -112,7 +112,7 @@ PEERS = (otter, jsbsim_c172p, crazyflow_worlds, rotorpy_quadrotor)
 
 
 def measure_peers(*, seconds: float, repetitions: int) -> list[dict]:
-    """The installed simulators as JSON."""
+    """Time the installed simulators; return their speeds as records for JSON."""
     ready: list[Peer] = []
     for build in PEERS:
         try:

@@ -96,7 +96,7 @@ class VesselDynamics(NamedTuple):
 
     @property
     def sway_decay(self) -> float:
-        """s (1/s)."""
+        """Decay rate of sway, s in the module's equations, 1/s."""
         v = SWAY_SHARE * self.top_speed
         return (self.sway.a + self.sway.b * v + self.sway.c * v * v) / self.m22
 

@@ -1,10 +1,10 @@
 """The worlds of a scenario: tracks, obstacles beside them and in the lanes, traffic, and initial states.
 
-A pool of starts for each world is drawn once, so that a reset is a gather. The target is at a random place of the
-track; the leader within `start_distance` of it, near the slot's heading and speed; followers near their slots, of a
-formation that is drawn with the start. A team that touches an obstacle is pulled in towards its slots. Another place is
-drawn if the slots are not clear either, or if vehicles that cannot stop would meet before they can turn away. Where no
-place is found, the world's other starts are used.
+A pool of starts for each world is drawn once, so that a reset only gathers rows. A start puts the target at a random
+place of the track, the leader within `start_distance` of it with about the slot's heading and speed, and followers near
+their slots; the formation is drawn with the start. If a vehicle touches an obstacle, its team is moved closer to its
+slots. If the slots touch one, too, or vehicles that cannot stop would meet before they can turn away, another place is
+drawn. If none is found, the world's other starts are used.
 """
 
 import math

@@ -149,7 +149,7 @@ class Aircraft(Team):
 
     @property
     def in_effect(self) -> Tensor:
-        """Where it is its turn, and its rotors have not let go."""
+        """Bool [env, aircraft]: it is the aircraft's turn, and it has not cut its thrust yet."""
         return self.comes & ~self.lets_go
 
     @property
@@ -165,7 +165,9 @@ class Aircraft(Team):
 
     @property
     def lets_go(self) -> Tensor:
-        """Bool [env, aircraft]: some sole is on a deck, all are over it and it stands upright, as far as is known."""
+        """Bool [env, aircraft]: it cuts its thrust. One sole is on a deck and, by its own estimate, all are over it and
+        it stands upright.
+        """
         known, half = self.known_deck, self.mission.boats.fleet.model.deck.half
         to = into_level(known.to, known.heading)[..., :2].unsqueeze(-2)
         c, s = (part.unsqueeze(-1) for part in self._turned)
@@ -210,12 +212,13 @@ class Aircraft(Team):
 
     @property
     def plan_names(self) -> tuple[str, ...]:
-        """Of the velocity that the pilot wants, m/s, in the deck's level frame."""
+        """Names of the corrections in a plan: of the pilot's velocity command, m/s, in the deck's level frame."""
         return ("ahead (correction)", "to starboard (correction)", "down (correction)")
 
     def planned(self, correction: Tensor, known: object = None) -> Tensor:
-        """As `command` in m/s, from whatever height; see Team.planned. A pilot always acts by what is known; plans that
-        are made by what is `known` keep the pilot's limits, too.
+        """Actions for the pilot's command plus a `correction` in m/s at any height; see Team.planned.
+
+        The pilot always acts on what is known. If `known` is given, the plan also keeps the pilot's limits.
         """
         velocity = corrected(self.wanted, correction, self.known_deck.heading, 1.0, 1.0)
         if known is not None:
@@ -223,8 +226,10 @@ class Aircraft(Team):
         return self.flown(velocity)
 
     def flown(self, velocity: Tensor) -> Tensor:
-        """Actions [env, aircraft, a] that fly a velocity [env, aircraft, 3] (NED, m/s), square to the deck; once a sole
-        is on the deck, and all are over it, down, so that the rotors idle. Where it is not its turn, actions that hold.
+        """Actions [env, aircraft, a] that fly a velocity [env, aircraft, 3] (NED, m/s), aligned with the deck.
+
+        Once a sole is on the deck and all are over it, the actions command full descent, so that the rotors idle. An
+        aircraft whose turn it is not flies to its holding point.
         """
         known, demands, touches = self.known_deck, self._model.demands, self.lets_go
         idles = self.standing
@@ -262,7 +267,7 @@ class Aircraft(Team):
     # -- measuring -------------------------------------------------------------------------------------------------
 
     def measure(self, which: Tensor, count: int) -> None:
-        """In environments `which` [env] int32, `count` of them: the truth, and what instruments say."""
+        """Update the truth and the instruments' readings in environments `which` [env] int32, `count` of them."""
         self._wanted = None
         mission, deck = self.mission, self.deck
         self.own.read(which, count, mission.noise.table)
@@ -316,11 +321,11 @@ class Aircraft(Team):
 
     @property
     def known_height(self) -> Tensor:
-        """Of the soles above the deck's plane, as known, m."""
+        """Estimated height of the soles above the deck's plane, m."""
         return (self.known_deck.to * self.known_deck.down).sum(-1) - self.soles_below
 
     def _take_turns(self, on: Tensor, fresh: Tensor) -> None:
-        """Who is over, and whose turn it is, on decks that several aircraft land on."""
+        """Update which aircraft are done, and whose turn it is, on decks that several aircraft share."""
         over, ends = self.over & ~fresh, self._ends() | self._model.endings(self.fleet, self.mission.world)
         place = self.fleet.position_n
         apart = torch.cdist(place, place, compute_mode="donot_use_mm_for_euclid_dist")
@@ -336,8 +341,8 @@ class Aircraft(Team):
         self.turns = torch.where(fresh, 0, self.turns + (left & on))
 
     def ends(self) -> dict[str, Tensor]:
-        """Why the episode of an aircraft has ended, bool each. Aircraft of one deck that have landed are told to have
-        once all of an environment are over, one of them fails, or time is up.
+        """Reasons why an aircraft's episode has ended, bool each. On a shared deck, landings are reported when all
+        aircraft of the environment are done, one fails, or time is up.
         """
         if self.alone:
             return self._ends()
@@ -362,7 +367,7 @@ class Aircraft(Team):
     # -- learning --------------------------------------------------------------------------------------------------
 
     def terms(self) -> dict[str, Tensor]:
-        """What each aircraft is told, in the level frame of its deck."""
+        """Observation terms of each aircraft, in the level frame of its deck."""
         known, own, mission = self.known_deck, self.own, self.mission
         heading = known.heading
         to, deck_v = into_level(known.to, heading), into_level(known.velocity, heading)

@@ -135,7 +135,7 @@ class Boats(Team):
     # -- measuring -------------------------------------------------------------------------------------------------
 
     def measure(self, which: Tensor, count: int) -> None:
-        """In environments `which` [env] int32, `count` of them."""
+        """Update what the boats measure in environments `which` [env] int32, `count` of them."""
         mission, dt = self.mission, self.interval
         fresh, on = (which == 2).view(-1, 1, 1), (which == 1).view(-1, 1, 1)
         self.own.read(which, count, mission.noise.table)
@@ -164,7 +164,7 @@ class Boats(Team):
     # -- learning --------------------------------------------------------------------------------------------------
 
     def terms(self) -> dict[str, Tensor]:
-        """What each boat is told."""
+        """Observation terms of each boat."""
         own, R = self.own, self.seen.R
         level = into_level(self.seen.velocity, own.heading)
         (c, s), course = own.heading, self.ordered[..., COURSE]

@@ -54,7 +54,7 @@ LAGS = (5, 10, 20)  # decisions: how long ago vertical speeds were that are reme
 
 
 class DeckMotion(NamedTuple):
-    """Of the middle of each deck."""
+    """Motion of the middle of each deck."""
 
     place: Tensor  # [env, boat, 3] NED, m
     velocity: Tensor  # [env, boat, 3] NED, m/s
@@ -68,13 +68,13 @@ class DeckMotion(NamedTuple):
         return self.R[..., BELOW]
 
     def of(self, boats: Tensor) -> "DeckMotion":
-        """Those of `boats` [n], in that order."""
+        """Return the motion of the decks of `boats` [n], in that order."""
         place, velocity, R, tilt = (x[:, boats] for x in self[:4])
         return DeckMotion(place, velocity, R, tilt, (self.heading[0][:, boats], self.heading[1][:, boats]))
 
 
 def deck_motion(boats: Views, centre: Tensor) -> DeckMotion:
-    """Of `boats`, whose decks have their middle at `centre` [3] (m, b)."""
+    """Return the motion of the decks of `boats`; `centre` [3] (m, b) is the middle of a deck."""
     R = boats.R_nb
     arm = torch.linalg.cross(boats.angular_velocity_b, centre.expand_as(boats.angular_velocity_b), dim=-1)
     place = boats.position_n + R @ centre
@@ -109,7 +109,7 @@ def _draw(out: array3, which: whole1, count: whole1, vehicles: ti.template(), se
 
 
 class Look(NamedTuple):
-    """Of one step; [env, aircraft, ...]."""
+    """What the cameras see of their markers in one step, each [env, aircraft, ...]."""
 
     found: Tensor  # bool
     place: Tensor  # [.., 3] of the marker from the aircraft, NED as the aircraft has it, m
@@ -128,7 +128,7 @@ class Marker:
         self._launch = runtime.Launcher(_draw)
 
     def look(self, true: Views, to: Tensor, down: Tensor, hs: Tensor, which: Tensor, rows: int, count: Tensor) -> Look:
-        """From aircraft `true` at markers that are `to` [env, aircraft, 3] (m, NED) from them.
+        """Look from aircraft with the `true` state at markers `to` [env, aircraft, 3] (m, NED) away.
 
         down: [env, aircraft, 3] normals of the decks, into them. hs: [env] significant wave height, m. which, rows,
         count: as in instruments.py.
@@ -184,7 +184,7 @@ class KnownDeck:
         self._covariance = self._begun.expand(*like.shape[:2], 3, 3).clone()  # of d, v and a
 
     def measure(self, which: Tensor, own: Any, look: Look, heard: Tensor) -> None:
-        """In environments `which` [env] int32 (0 not at all, 1 after a step, 2 as an episode begins).
+        """Update the filter in environments `which` [env] int32 (0: not at all, 1: after a step, 2: an episode begins).
 
         own: the aircraft as it measures itself. heard: [env, aircraft, MESSAGE + 1] its boat's last message (boats.py),
         and its age.
@@ -256,7 +256,7 @@ class KnownDeck:
 
     @property
     def tilt(self) -> Tensor:
-        """Of the deck's normal to the vertical, rad."""
+        """Angle between the deck's normal and the vertical, rad."""
         return torch.hypot(self.attitude[..., ROLL], self.attitude[..., PITCH])
 
 

@@ -28,7 +28,9 @@ def write_landing_figures(out: Path, histories: Histories, episode: Episode | No
 
 
 def over_deck(boats: TeamTrack, aircraft: TeamTrack, vehicle: int) -> tuple[Array, Array]:
-    """Of an aircraft [T, 3] from the middle of its deck (m, b of the boat); that middle [T, 3] (m, NED)."""
+    """Position [T, 3] of an aircraft relative to the middle of its deck (m, b of the boat), and that middle [T, 3] (m,
+    NED).
+    """
     assert boats.deck is not None
     R = torch_rotation_matrix(torch.from_numpy(np.asarray(boats.quaternion_nb[:, vehicle], np.float64))).numpy()
     centre = boats.position_n[:, vehicle] + R @ np.array(boats.deck.centre_b)

@@ -17,7 +17,7 @@ SHOWN_HEIGHT = 10.0  # m, higher up plots are cut off
 
 
 def overlays_of(mission: "Landing", env: int) -> tuple[Overlay, ...]:
-    """All drawings of environment `env` now, of one frame each."""
+    """Return all overlays of environment `env` for the present frame."""
 
     def frame(value: Tensor) -> NDArray[np.float64]:
         return value[env].double().cpu().numpy()[None].copy()

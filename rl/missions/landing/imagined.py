@@ -105,7 +105,7 @@ class ImaginedAircraft(Aircraft):
     """Aircraft that know their decks exactly."""
 
     def conclude(self, which: Tensor, count: int, heard: Tensor | None = None) -> None:
-        """What is foreseen is what is known."""
+        """Set the aircraft's knowledge of the deck to the predicted motion."""
         known, deck = self.known_deck, self.deck
         rows = self.mission.foreseen(0)[:, self.boat_of]
         known.to, known.velocity = deck.place - self.fleet.position_n, deck.velocity
@@ -114,12 +114,12 @@ class ImaginedAircraft(Aircraft):
         known.seen, known.heard = torch.zeros_like(known.seen), torch.zeros_like(known.heard)
 
     def planned(self, correction: Tensor, known: object = None) -> Tensor:
-        """Within the pilot's limits."""
+        """As Aircraft.planned, always within the pilot's limits."""
         return super().planned(correction, self)
 
 
 class Foresight:
-    """What aircraft foresee of their decks, and take the wind to be.
+    """Predictions that aircraft make of their decks, and their estimate of the wind.
 
     Attributes:
         wind: [env, aircraft, 3] velocity of the air (NED, m/s). interval: of decisions, s. steps: decisions foreseen.
@@ -205,7 +205,9 @@ class Foresight:
         return torch.cat((at, q, v_b, rates, faster), dim=-1)
 
     def _told(self, x: Tensor, steps: Tensor) -> tuple[Tensor, Tensor]:
-        """What the autoregressive models foresee [env, aircraft, 5, k], zero without one; which are ready."""
+        """Predictions [env, aircraft, 5, k] of the autoregressive models, zero where a model is not ready; which are
+        ready.
+        """
         K = self.steps
         assert self._memory is not None
         count = (K + SAMPLED) // SAMPLED + 2

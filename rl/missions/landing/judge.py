@@ -16,7 +16,7 @@ NONE = -1
 
 
 class LandingJudge(Judge):
-    """Of aircraft: outcomes and touchdowns, each [env, aircraft]. Of boats: how their decks move."""
+    """Measures outcomes and touchdowns of aircraft [env, aircraft], and the motion of the boats' decks."""
 
     definitions = {
         "success_rate": "fraction of aircraft that landed: all soles on the deck for landing.stand without a break, "
@@ -150,7 +150,9 @@ class LandingJudge(Judge):
 
     @classmethod
     def loss(cls, episodes: Episodes, config: Any) -> NDArray[np.float64]:
-        """Of aircraft, not landed (10), time to land and error of it; of boats, how the deck moves."""
+        """Loss of an episode. Aircraft: 10 if not landed, plus time to land and touchdown error. Boats: the deck's
+        motion.
+        """
         steps = np.nan_to_num(episodes["deck_steps"], nan=0.0)
         moves = np.nan_to_num(episodes["deck_speeds"], nan=0.0) / np.maximum(steps, 1)
         late = np.nan_to_num(episodes["time_s"], nan=config.episode_duration) / config.episode_duration
@@ -173,13 +175,13 @@ class LandingJudge(Judge):
 
 
 def _mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of each episode, over aircraft of which there is a number; NaN without."""
+    """Mean of each episode over aircraft whose number is finite; NaN if there is none."""
     count = np.isfinite(values).sum(axis=1)
     return np.where(count > 0, np.nansum(values, axis=1) / np.maximum(count, 1), np.nan)
 
 
 def _quantile(values: NDArray[np.float64], share: float) -> NDArray[np.float64]:
-    """Over the last axis, of what is not NaN, by linear interpolation; NaN where nothing is."""
+    """Quantile over the last axis by linear interpolation, NaN ignored; NaN where all are."""
     count = np.isfinite(values).sum(-1)
     ordered = np.sort(values, axis=-1)  # NaN come last
     at = share * (np.maximum(count, 1) - 1)

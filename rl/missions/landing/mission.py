@@ -139,7 +139,7 @@ class Landing(Mission):
         return tuple(self.world.teams)
 
     def prepare(self) -> None:
-        """Connect everybody.
+        """Connect boats and aircraft.
 
         Raises:
             ConfigError: where boats have no deck, or there are teams without a part.
@@ -239,7 +239,9 @@ class Landing(Mission):
     # -- what others ask -------------------------------------------------------------------------------------------
 
     def log(self, team: Any, step: Step) -> dict[str, Tensor]:
-        """Of the episodes that have ended in this step: shares that landed and that failed; touchdowns of it."""
+        """Shares of aircraft whose episodes ended in this step by a landing and by a failure, and this step's
+        touchdowns.
+        """
         if isinstance(team, Boats):
             zero = torch.zeros((), device=self.hs.device)
             return {"landed": team.served.float().mean(), "failed": zero, "touch_error_m": zero, "touch_speed": zero}
@@ -274,7 +276,9 @@ class Landing(Mission):
         return made
 
     def frame(self, env: int) -> Frame:
-        """Of aircraft, how far they are from their deck's middle; heights, the deck as known, and sight lines."""
+        """Return the frame: the aircraft's distances from their deck's middle, and overlays (heights, the estimated
+        deck, sight lines).
+        """
         flying = {} if self.aircraft is None else {self.aircraft.name: {"error_m": self.aircraft.distance[env]}}
         return Frame(flying, overlays_of(self, env))
 

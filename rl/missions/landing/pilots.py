@@ -1,10 +1,11 @@
 """Classical pilots of the aircraft: what velocity over ground they want, NED (m/s), by what they know of the deck.
 
-The level part is the same for all: over the deck's own velocity v_d, toward it as fast as may still be braked,
+The horizontal part is the same for all pilots: the deck's velocity v_d, plus an approach as fast as the aircraft can
+still brake,
 
-    v = v_d + min(k r, sqrt(2 a r), approach) r / |r|,
+    v = v_d + min(k r, sqrt(2 a r), approach) r / |r|.
 
-and slower while it leans far into the wind, since its airspeed is near the greatest then.
+It is slower while the aircraft leans far into the wind, because its airspeed is then near the maximum.
 
 `descend` takes v_d as averaged over some seconds, as the integral of a PID does: it knows no motion of the deck.
 

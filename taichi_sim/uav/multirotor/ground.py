@@ -53,7 +53,7 @@ def beneath(height, sea, upwash):
 
 @ti.func
 def lowered(kind: ti.template(), below, by):
-    """`below` at a place that is `by` m higher."""
+    """Return `below` (what is under the rotors; see `beneath`) for a centre of gravity `by` m higher."""
     new = below
     if ti.static(kind == DECK):
         new[0] += by

@@ -191,7 +191,9 @@ class Elements(NamedTuple):
         return (np.cos(kx) * np.sinc(kh / np.pi)) @ self.share
 
     def slope(self, k: Array) -> Array:
-        """S at wavenumbers k [m] (rad/m), none of them 0."""
+        """Slope factor S (S(k) = int x sin(k x) dA / (k int x^2 dA)) at wavenumbers k [m] (rad/m), none of them 0; [m]
+        is their number.
+        """
         kx, kh = np.multiply.outer(k, self.x), np.multiply.outer(k, self.half)
         # One element has x sin(kx) sinc(kh) + cos(kx) h j(kh), j(z) = (sin z - z cos z)/z^2 = z/3 - z^3/30 + ...
         z = np.maximum(kh, SMALL)

@@ -121,7 +121,7 @@ class Diffraction:
 
     @property
     def size(self) -> int:
-        """Numbers per entry."""
+        """Number of values in a table entry (one frequency and course)."""
         return int(self.table.shape[-1])
 
     def of(self, sea: Tensor) -> Tensor:
@@ -418,7 +418,7 @@ class DatabaseRadiation(Radiation):
 
 
 def radiation_of(params: Hull6DofParams, geometry: HullGeometry, dt: float, substeps: int, first: int) -> Radiation:
-    """Return the kind of radiation that a vehicle file selects; linear restoring has constant radiation.
+    """Return the radiation model that a vehicle file selects; with linear restoring it is always the constant one.
 
     Arguments are those of DatabaseRadiation.
 

@@ -286,8 +286,8 @@ def commanded(fitted: ti.template(), p: ti.template(), action: ti.template(), e,
 def allocated(fitted: ti.template(), tau, controls):
     """Command that makes tau (X, Y, N), or the largest wrench in its direction that `fitted` (a ThrusterSet) can make.
 
-    An azimuth thruster is commanded to the angle of its push. Meanwhile its thrust is the part of that push along its
-    present angle (in `controls`).
+    An azimuth thruster is commanded to the angle of its share of tau. Until it has turned there, it thrusts with the
+    component of that share along its present angle (in `controls`).
     """
     command, push, share = controls, controls * 0.0, tau[0] * 0.0 + 1.0
     ahead, right = controls * 0.0, controls * 0.0  # pushes, relative to each thruster's unturned direction
