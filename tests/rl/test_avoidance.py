@@ -10,6 +10,7 @@ from torch import Tensor
 from rl.guidance.avoidance import Avoider, Gains, Shield
 from rl.guidance.geometry import COURSE_RATE, ERRORS_SIZE, SLOT_VELOCITY, TARGET_SIZE, V
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN
 from taichi_sim.vehicle import Limits
 
 GAINS = Gains(acceleration=5.0)
@@ -75,6 +76,18 @@ def test_an_obstacle_in_the_way_is_cleared(east, moving):
     for velocity in steered(team):
         assert passes(velocity, 30.0, east, moving) > 5.0 + RADIUS
         assert velocity.norm() > 0.4 * SPEED
+
+
+def test_the_side_is_that_of_the_heading_though_waves_push_the_vessel():
+    """Without `turning` it passes to the side on which the waves push it now."""
+    sides = {}
+    for turning in (0.0, 3.0):
+        for push in (-2.0, 2.0):
+            team = scene([(30.0, 0.0, 5.0, 0.0, 0.0, 0.0)], own=(SPEED, push))
+            team.fleet.derived[..., HEADING_COS], team.fleet.derived[..., HEADING_SIN] = math.cos(0.4), math.sin(0.4)
+            sides[turning, push] = float(steered(team, gains=GAINS.model_copy(update={"turning": turning}))[1, 1])
+    assert sides[0.0, -2.0] < 0 < sides[0.0, 2.0]
+    assert sides[3.0, -2.0] > 0 and sides[3.0, 2.0] > 0
 
 
 def test_between_two_obstacles_there_is_a_way():
