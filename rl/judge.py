@@ -86,7 +86,7 @@ class Judge(Generic[M, C]):
 
     @classmethod
     def episodes(cls, seen: Sequence[Self], config: C) -> dict[str, NDArray[np.float64]]:
-        """Numbers of each episode of all chunks of one team, [episode]: the input of `pooled`."""
+        """Collect numbers of each episode over all chunks of one team, [episode]: the input of `pooled`."""
         collided, failed, reward, measured, changes = (
             np.concatenate([getattr(judge, name) for judge in seen])
             for name in ("collided", "failed", "reward", "measured", "action_changes")
@@ -103,7 +103,7 @@ class Judge(Generic[M, C]):
 
     @classmethod
     def pooled(cls, episodes: Episodes) -> dict[str, NDArray[np.float64]]:
-        """Figures [...] of sets of episodes; the input is that of `episodes`, [..., episode]."""
+        """Compute figures [...] of sets of episodes, whose numbers (see `episodes`) are [..., episode]."""
         return {
             "reward_per_step": episodes["reward"].sum(-1) / np.maximum(episodes["decisions"].sum(-1), 1),
             "collisions_per_hour": episodes["collided"].sum(-1) / episodes["hours"].sum(-1),
@@ -136,7 +136,7 @@ class Judge(Generic[M, C]):
 
 
 class ErrorJudge(Judge[M, C]):
-    """Also measures the distance of vehicles from their slots; vehicle 0 leads.
+    """Measures the distances of vehicles from their slots, too; vehicle 0 leads.
 
     errors: [step, env, vehicle] m, NaN where not measured; a mission's judge writes them.
     """
@@ -148,7 +148,7 @@ class ErrorJudge(Judge[M, C]):
 
     @classmethod
     def episodes(cls, seen: Sequence[Self], config: C) -> dict[str, NDArray[np.float64]]:
-        """Also rms errors (m) of leader and followers, and for how long they were measured (vehicle-seconds)."""
+        """Add rms errors (m) of leader and followers, and the time measured (vehicle-seconds), to the numbers."""
         errors = errors_of(seen)
         time = np.isfinite(errors).sum(axis=0) * config.decision_interval
         return super().episodes(seen, config) | {

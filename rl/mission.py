@@ -299,7 +299,7 @@ class Mission(Stateful, Generic[C, T]):
         return Endings(flags)
 
     def _paid(self, team: T, ended: Endings) -> Tensor:
-        """The reward; -1 for a vehicle whose state is not finite, because no other reward is defined there."""
+        """Reward of each vehicle; -1 where the state is not finite, because no other reward is defined there."""
         return self.reward(team, ended).masked_fill(ended[DIVERGED], -1.0)
 
     def reset(self, envs: Tensor | None = None, *, seas: Tensor | None = None, **where: Tensor) -> None:

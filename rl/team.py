@@ -122,11 +122,11 @@ class Team(Generic[M, S]):
 
     @property
     def layout(self) -> Mapping[str, int]:
-        """Terms of its observations and their widths, in order. Default: those that `Mission.observe` gives now."""
+        """Terms of the observations and their widths, in order. Default: those that `Mission.observe` gives now."""
         return {term: value.shape[-1] for term, value in self.mission.observe(self).items()}
 
     def terms(self) -> dict[str, Tensor]:
-        """Its observations by term, views of one `observe`."""
+        """The team's observations by term, as views of one `observe`."""
         layout = self.layout
         return dict(zip(layout, self.observe().split(list(layout.values()), dim=-1), strict=True))
 

@@ -47,7 +47,7 @@ NoiseOf = Literal["shared", "own"]
 
 
 Envs: TypeAlias = ArrayLike | Tensor
-"""Numbers of environments [n]."""
+"""Indices of environments [n]."""
 
 
 class StateError(ValueError):
@@ -81,13 +81,13 @@ class Entry(NamedTuple):
 
     @property
     def value(self) -> Any:
-        """Its present value."""
+        """The present value of the entry."""
         if isinstance(self.owner, dict | list):
             return self.owner[self.key]
         return getattr(self.owner, self.key)
 
     def put(self, value: object) -> None:
-        """Replace its value."""
+        """Replace the value of the entry."""
         if isinstance(self.owner, dict | list):
             self.owner[self.key] = value
         else:
@@ -321,7 +321,7 @@ def _entries_of(part: object) -> list[Entry]:
 
 
 def _envs(given: Envs, num_envs: int, name: str) -> Tensor:
-    """Numbers of environments, int64 [n]."""
+    """Check indices of environments and convert them to int64 [n]."""
     envs = torch.as_tensor(given, device=runtime.current().device).flatten()
     if envs.is_floating_point() or envs.dtype == torch.bool:
         raise StateError(f"{name} are numbers of environments, not {envs.dtype}")

@@ -276,7 +276,7 @@ class Vehicle:
         return {key: float(value_at(data, key)) for key in self.varying}
 
     def own(self, values: Mapping[str, Number]) -> Any:
-        """Numbers as the kernel uses them, a NamedTuple, computed by arithmetic that works on floats and tensors.
+        """Compute the kernel's numbers, a NamedTuple, by arithmetic that works on floats and on tensors.
 
         `values` has each key of `varying`; other numbers are those of the vehicle file. Default: the values themselves,
         with underscores instead of the dots in their keys.

@@ -58,7 +58,7 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def on_bounds(run: Path, args: argparse.Namespace) -> dict[str, tuple[Any, Any]]:
-    """Results of a run's policies on the oracle's episodes: team -> the bound, and the numbers of each episode."""
+    """Judge a run's policies on the oracle's episodes: team -> the bound, and the numbers of each episode."""
     from rl.evaluation.headroom import judge_on_bounds, read_bounds
     from rl.learn.policy import policies_of
     from rl.runs.folder import load_config
@@ -94,7 +94,7 @@ def headroom_table(taken: dict[tuple[str, str], tuple[Any, list[Any]]], kinds: d
 
 
 def contest(run: Path, args: argparse.Namespace, classical: dict[str, Any]) -> tuple[Any, Any, Any, Any]:
-    """A run's scenario and judge, and the episodes of its policies and of the classical controller by team.
+    """Judge a run's policies and the classical controller: scenario, judge, and the episodes of either by team.
 
     The dictionary `classical` keeps the latter for other runs of the same scenario.
     """
@@ -140,7 +140,7 @@ def table(found: dict[tuple[str, str], list[tuple[str, Any, Any]]], kinds: dict[
 
 
 def joined(parts: list[Any]) -> dict[str, Any]:
-    """The episodes of several runs as one set."""
+    """Join the episodes of several runs into one set."""
     return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
 
 

@@ -114,7 +114,7 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def judged(case: Condition, run: Path, partner: Path, args: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
-    """The mission's judge and the episodes of both teams under one condition, stored ones if there are."""
+    """Judge both teams under one condition: the mission's judge, and their episodes (stored ones if they exist)."""
     from rl.evaluation.episodes import judge_episodes, mission_class
     from rl.learn.policy import ClassicalPolicy, checkpoints, load_policy
     from rl.runs.folder import load_config

@@ -125,7 +125,7 @@ def judged(
     config: Any, source: Path, team: str, policy: Any, episodes: int, seed: int, kind: type[Simulator] | None,
     path: Path | None,
 ) -> dict[str, Array]:  # fmt: skip
-    """Numbers of each episode (`Judge.episodes`) of `policy`, moved by a simulator of `kind`, or ours for None."""
+    """Judge `policy` while a simulator of `kind` moves the vehicles (None: ours); return numbers of each episode."""
     from rl.evaluation.episodes import one_episode_each, run_episodes
     from taichi_sim.kernels import runtime
 

@@ -74,7 +74,7 @@ class Pictures:
             self._window.show(tiled(self.draw()))
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """As `draw`; None unless the mode is "rgb_array"."""
+        """Draw all environments (see `draw`); return None unless the mode is "rgb_array"."""
         if self.mode is None:
             logger.warn("render() draws nothing: the environment was made without a render_mode")
         return self.draw() if self.mode == "rgb_array" else None
@@ -95,7 +95,7 @@ class Pictures:
         return self._pictures[env].paint(moment)
 
     def _moment(self, env: int) -> Moment:
-        """What there is to see in an environment now."""
+        """The present moment of environment `env`, with trails."""
         task, frame = self.task, self.task.frame(env)
         mission = {
             name: {key: value.detach().cpu().numpy()[None] for key, value in row.items()}

@@ -318,7 +318,11 @@ class Traffic:
         return torch.stack((*begin.unbind(-1), radius, *heights, *velocity.unbind(-1), carried), dim=-1)
 
     def _free(self, body: Tensor, starts: Tensor, obstacles: Tensor, others: Tensor) -> Tensor:
-        """Whether its way is free of fixed and other moving obstacles and of the vehicles' starts, [world, start]."""
+        """Whether each `body` begins far from the vehicles and keeps clear of all obstacles, [world, start].
+
+        `starts` are the vehicles' positions, `obstacles` the fixed cylinders, `others` the moving obstacles placed
+        before.
+        """
         time = torch.linspace(0.0, self.duration, INSTANTS)
         velocity = body[..., V_NORTH : V_EAST + 1] + body[..., CARRIED, None] * torch.tensor(self.current)
         way = body[..., None, :2] + velocity.unsqueeze(-2) * time.unsqueeze(-1)  # [world, start, instant, 2]

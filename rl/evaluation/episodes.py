@@ -180,7 +180,7 @@ def _pool(trial: Trial, parts: Sequence[_Part]) -> EvaluationOutcome | Exception
 
 
 def shown_numbers(result: EvaluationResult) -> dict[str, int]:
-    """Numbers of the episodes that a report shows: a name in SHOWN -> its number."""
+    """Indices of the episodes that a report shows, by their names in SHOWN."""
     return {"worst": result["worst_episode"], "median": result["median_episode"]}
 
 
@@ -197,7 +197,7 @@ def _excerpt(trial: Trial, number: int, episode: int, logs: Mapping[tuple[int, i
 
 
 def choose(kind: type[Judge], episodes: Mapping[str, Episodes]) -> dict[str, int]:
-    """Numbers of the worst and of the median episode over all teams."""
+    """Indices of the worst and of the median episode over all teams."""
     bad = np.maximum.reduce([kind.badness(of_team) for of_team in episodes.values()])
     order = np.lexsort(bad[::-1])
     return {"worst": int(order[-1]), "median": int(order[(len(order) - 1) // 2])}

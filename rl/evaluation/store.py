@@ -57,7 +57,7 @@ class StoredEvaluation(NamedTuple):
 def save_evaluation(
     run: Path, outcome: EvaluationOutcome, config: Path | None = None, overrides: Sequence[str] = ()
 ) -> None:
-    """Store an evaluation in a run's folder, in place of its controller's last one."""
+    """Store an evaluation in a run's folder; it replaces the previous one of the same controller."""
     file = _file(run, outcome.result["controller"])
     file.parent.mkdir(exist_ok=True)
     made = {"config": None if config is None else str(Path(config).resolve()), "set": list(overrides)}
@@ -124,7 +124,7 @@ def log_file(run: Path, controller: str) -> Path:
 
 
 def _plain(episodes: Mapping[str, Mapping[str, NDArray[np.float64]]]) -> dict[str, dict[str, list[float | None]]]:
-    """Numbers of episodes for JSON; None in place of those that are not finite."""
+    """Convert numbers of episodes to lists for JSON; None stands for values that are not finite."""
     return {
         team: {name: [x if np.isfinite(x) else None for x in values.tolist()] for name, values in of_team.items()}
         for team, of_team in episodes.items()

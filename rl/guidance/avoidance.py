@@ -310,9 +310,10 @@ class Avoider:
 
 
 class Shield(Avoider):
-    """Reduces corrections of velocities where the risk that they add is greater than their size.
+    """Scales down a correction of the velocity command where it adds more collision risk than it is worth.
 
-    The share s of a correction c that is kept minimises  (1 - s) |c| / |v| + the risks of all bodies with v + s c.
+    Of a correction c to the velocity v, it keeps the share s in [0, 1] that minimises  (1 - s) |c| / |v| + the sum of
+    the risks of all bodies at the velocity v + s c.
     """
 
     def __init__(self, gains: AvoidanceGains):

@@ -335,7 +335,7 @@ class Geometry(SlotErrors):
     def measure(self, which: Tensor, count: int) -> None:
         """Measure environments by `which` [env] int32: 0 not at all, 1 after a step, 2 at the beginning of an episode.
 
-        `count` is the number of environments that are not 0.
+        `count` is the number of entries of `which` that are not 0.
         """
         form = ErrorsForm(self.axes, self._heard, self.about, runtime.few(count * self._rows, MEASURE))
         self._launch(self._errors(), self._team(), which, form)

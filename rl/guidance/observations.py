@@ -122,7 +122,7 @@ def squash(x, scale):
 
 
 def squashed(x: Tensor, scale: float) -> Tensor:
-    """As `squash`, of tensors."""
+    """The function `squash` for tensors: x / (|x| + scale)."""
     return x / (x.abs() + scale)
 
 

@@ -98,7 +98,7 @@ class MissionEnv(VecEnv):
         return self.mission.teams[self.team].command(actions.view(-1, self.vehicles, self.num_actions))
 
     def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, Extras]:
-        """Take one decision in every row; the class describes endings."""
+        """Take one decision in every row and reset the environments whose episodes end (see the class)."""
         mission = self.mission
         joint = {name: policy(mission.teams[name]) for name, policy in self.frozen.items() if policy is not None}
         joint[self.team] = self.commanded(actions)

@@ -98,8 +98,10 @@ class Improver(Planner):
 
 
 def _parts(vehicles: int) -> tuple[tuple[slice, slice], ...]:
-    """Which samples deviate for which vehicles: half of them for the leader, half for its followers, whose slots go
-    where it goes; so what the leader tries does not blur what its followers try.
+    """Pairs of slices: samples, and the vehicles that deviate in them.
+
+    In half of the samples the leader deviates, in the other half its followers. Slots of followers move with the
+    leader, so otherwise what the leader tries would blur what its followers try.
     """
     if vehicles == 1:
         return ((slice(None), slice(None)),)
@@ -145,7 +147,7 @@ class PlannedImprovement(LeanPPO):
 
     @torch.no_grad()
     def act(self, obs: TensorDict) -> Tensor:
-        """The policy's mean actions [row, action]; the planner's suggestions are noted."""
+        """Return the policy's mean actions [row, action], and note what the planner suggests."""
         own, planning = self._env.mission.teams[self._env.team], self._stage.planning
         assert planning is not None
         self._planner.renew(own)
@@ -159,10 +161,10 @@ class PlannedImprovement(LeanPPO):
         return mean
 
     def process_env_step(self, obs: TensorDict, rewards: Tensor, dones: Tensor, extras: "Extras") -> None:
-        """Nothing is learnt from rewards."""
+        """Ignore rewards; planning does not learn from them."""
 
     def compute_returns(self, obs: TensorDict) -> None:
-        """Nothing is learnt from returns."""
+        """Ignore returns; planning does not learn from them."""
 
     def update(self) -> dict[str, float]:
         """Fit the actor to the noted suggestions; the mean squared error stands for PPO's surrogate loss."""

@@ -122,7 +122,7 @@ class TrainedPolicy:
         return team.command(self.act(team.observe()))
 
     def check(self, team: Team) -> None:
-        """As `check_signature`, with the names of the training."""
+        """Refuse a team whose observations or actions are not those of the training (`check_signature`)."""
         check_signature(self.signature, team, self.source)
 
     def act(self, observations: Tensor) -> Tensor:

@@ -178,18 +178,23 @@ class Chart:
         self._said[envs, :, Message.SIZE + SightingReport.AGE :: SightingReport.SIZE] = -1.0
 
     def say(self, which: Tensor, rows: int) -> None:
-        """Write sightings into the next messages, in environments as of `keep`; to be called before `Radio.talk`."""
+        """Write sightings into the next messages; call before `Radio.talk`.
+
+        `which` and `rows` are those of `keep`.
+        """
         self._say(self._chart(), which, runtime.few(rows * self._rows, KEEP))
 
     def keep(self, which: Tensor, rows: int) -> None:
-        """Update tracks by sightings and messages, in environments [env] int32: 0 not at all, 1 after a step, 2 at the
-        beginning of an episode; `rows` of them are not 0.
+        """Update tracks by sightings and messages.
+
+        `which` [env] int32: 0 not at all, 1 after a step, 2 at the beginning of an episode; `rows` of its entries are
+        not 0.
         """
         self._keep(self._chart(), which, runtime.few(rows * self._rows, KEEP))
 
 
 def width_of(objects: int) -> int:
-    """Width of a message about so many objects."""
+    """Width of a message that reports on `objects` objects."""
     return Message.SIZE + SightingReport.SIZE * objects
 
 
@@ -240,5 +245,5 @@ class Charted:
         self._rows, self._launch = state.shape[1] * objects.shape[1], runtime.Launcher(_nearest)
 
     def write(self, which: Tensor, rows: int) -> None:
-        """Write in environments [env] int32 that are not 0, `rows` of them."""
+        """Write in the `rows` environments where `which` [env] int32 is not 0."""
         self._launch(self._out(), self._of(), which, self._sight._replace(serial=runtime.few(rows * self._rows, KEEP)))

@@ -105,7 +105,10 @@ class ContactsForm(NamedTuple):
 
 @ti.func
 def measured(true: ti.template(), own: ti.template(), e, i, relative, origin, aside, size, who, z, u, g: ti.template()):
-    """A measurement (columns above) of number `who`, which is `relative` (m, NED) to vehicle i, itself at `origin`."""
+    """Measure body `who`, which is `relative` (m, NED) to vehicle i; return the columns above.
+
+    The place is `origin` plus the measured way from the vehicle to the body.
+    """
     far = ti.sqrt(relative[0] * relative[0] + relative[1] * relative[1])
     away = 1.0 + g.range_noise * z[0] / ti.max(far, 1.0)
     c0, s0 = true.true_derived[e, i, HEADING_COS], true.true_derived[e, i, HEADING_SIN]
@@ -126,7 +129,7 @@ def measured(true: ti.template(), own: ti.template(), e, i, relative, origin, as
 
 @ti.func
 def drawn(who, e, k, vehicle, count: ti.template(), g: ti.template()):
-    """Random numbers of contact k of a vehicle: six normal ones and a uniform one; not used where `who` is none."""
+    """Draw random numbers for contact k of a vehicle: six normal ones, a uniform one (0 and 1 if `who` is no body)."""
     z, u = ti.Vector([0.0 for _ in ti.static(range(6))]), 1.0
     if who >= 0:
         z = normal6(count[1], CONTACTS + k, count[2 + e], vehicle, count[0])
@@ -137,7 +140,7 @@ def drawn(who, e, k, vehicle, count: ti.template(), g: ti.template()):
 
 @ti.func
 def begun(m, g: ti.template()):
-    """A track from its first measurement; without a body (`NOBODY`) if that failed."""
+    """Begin a track by its first measurement; without a body (`NOBODY`) if the measurement failed."""
     t = ti.Vector([0.0 for _ in ti.static(range(TRACKED))])
     t[WHO] = ti.select(m[SEEN] > 0, m[WHO], NOBODY)
     for a in ti.static(range(3)):
@@ -148,7 +151,7 @@ def begun(m, g: ti.template()):
 
 @ti.func
 def carried_on(t, m, acceleration, g: ti.template()):
-    """A track after one more interval and measurement."""
+    """Advance a track by one interval, and correct it by measurement m."""
     dt, q = g.interval, acceleration * acceleration
     t[P_PP] += dt * (2 * t[P_PV] + dt * t[P_VV]) + q * dt * dt * dt / 3
     t[P_PV] += dt * t[P_VV] + 0.5 * q * dt * dt
@@ -172,7 +175,7 @@ def carried_on(t, m, acceleration, g: ti.template()):
 def tracked(
     out: ti.template(), e, i, k, first: ti.template(), last: ti.template(), m, acceleration, now, g: ti.template()
 ):
-    """Track k of the measured body: continued if one of `first` to `last` was of it, else begun."""
+    """Write track k of the measured body: continue the track among `first` to `last` of the same body, or begin one."""
     t = begun(m, g)
     for j in range(first, last):
         if m[WHO] >= 0 and out.tracks[e, i, 1 - now, j, WHO] == m[WHO]:
@@ -218,7 +221,7 @@ def put_obstacle(out: ti.template(), own: ti.template(), e, i, k, t, g: ti.templ
 
 @ti.func
 def put_mate(out: ti.template(), own: ti.template(), e, i, k, t, g: ti.template(), form: ti.template()):
-    """Write the k-th team mate likewise."""
+    """Write the k-th team mate by its track t, extrapolated to now; return the clearance (m)."""
     ahead, direction, distance = ti.static(form.late) * g.interval, ti.Vector([0.0, 0.0, 0.0]), g.reach
     if t[WHO] >= 0:
         for a in ti.static(range(3)):

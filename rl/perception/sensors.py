@@ -76,7 +76,7 @@ def cylinder_distance(dx, dy, altitude, radius, bottom, top):
 
 @ti.func
 def insert(distance, index, d, j, count: ti.template()):
-    """Insert distance d of body j into the `count` least distances, in order, and their numbers."""
+    """Insert body j at distance d into the ordered lists of the `count` smallest distances and their indices."""
     for k in ti.static(range(count)):
         if d < distance[k]:
             d, distance[k] = distance[k], d
@@ -86,7 +86,7 @@ def insert(distance, index, d, j, count: ti.template()):
 
 @ti.func
 def near_obstacles(field: ti.template(), w, place, reach, radius, sight: ti.template()):
-    """Smallest clearance (m), at most `reach`, and the nearest obstacles of world w: distances and numbers."""
+    """Smallest clearance (m) to obstacles of world w, at most `reach`; distances (m), indices of the nearest ones."""
     count = ti.static(sight.obstacles)
     x, y = place[0], place[1]
     gap, margin = x * 0.0 + reach, x * 0.0
@@ -107,7 +107,7 @@ def near_obstacles(field: ti.template(), w, place, reach, radius, sight: ti.temp
 
 @ti.func
 def near_bodies(bodies: ti.template(), e, place, reach, radius, sight: ti.template(), gap, distance, index):
-    """Add the moving bodies of environment e, numbered on from the fixed obstacles."""
+    """Add the moving bodies of environment e to the nearest obstacles, with indices that follow those of fixed ones."""
     if ti.static(sight.moving):
         for m in range(bodies.shape[2]):
             dx, dy, r = bodies[e, NORTH, m] - place[0], bodies[e, EAST, m] - place[1], bodies[e, RADIUS, m]
@@ -120,7 +120,7 @@ def near_bodies(bodies: ti.template(), e, place, reach, radius, sight: ti.templa
 
 @ti.func
 def numbered(field: ti.template(), bodies: ti.template(), w, e, number, sight: ti.template()):
-    """An obstacle or body by its number: north, east, radius (m), and velocity, north and east (m/s)."""
+    """Look up an obstacle or body by its index: north, east, radius (m), and velocity, north and east (m/s)."""
     found = ti.Vector([field[w, 0, 0] * 0.0 for _ in ti.static(range(5))])
     if number < ti.static(sight.field):
         found[0], found[1], found[2] = field[w, 0, number], field[w, 1, number], field[w, 2, number]
@@ -133,7 +133,10 @@ def numbered(field: ti.template(), bodies: ti.template(), w, e, number, sight: t
 
 @ti.func
 def near_mates(state: ti.template(), e, i, place, reach, radius, count: ti.template()):
-    """Smallest clearance (m) to team mates, and the nearest ones by their origins: distances and numbers."""
+    """Smallest clearance (m) to team mates, at most `reach`; distances (m) and indices of the `count` nearest ones.
+
+    Distances are between origins. An index is -1 if fewer mates are within `reach`.
+    """
     gap = place[0] * 0.0 + reach
     distance = ti.Vector([gap] * ti.static(count + 1))
     index = ti.Vector([-1] * ti.static(count + 1))

@@ -239,15 +239,16 @@ class Observers:
         self, kernel: Callable[..., object], pack: runtime.Packed, numbers: NamedTuple, form: ObserverForm,
         true: Views, own: Views, objects: Tensor,
     ):  # fmt: skip
-        """Let those look at `objects` [env, object, n] whose true and measured states are `true` and `own`."""
+        """Let observers, whose true and measured states are `true` and `own`, look at `objects` [env, object, n]."""
         self._rows, self._fields, self._form = own.state.shape[1] * objects.shape[1], numbers._fields, form
         self._pack, self._launch = pack, runtime.Launcher(kernel)
         self._true = runtime.Packed(TruePack, true_state=true.state, true_derived=true.derived)
         self._at = runtime.Packed(OwnPack, state=own.state, derived=own.derived)
 
     def see(self, which: Tensor, rows: int, count: Tensor) -> None:
-        """Look in environments [env] int32 that are not 0, `rows` of them; `count` int32 [2 + env] counts the random
-        numbers (taichi_sim/kernels/random.py).
+        """Look in the `rows` environments where `which` [env] int32 is not 0.
+
+        `count` int32 [2 + env] counts the random numbers (taichi_sim/kernels/random.py).
         """
         kind = struct_of(self._fields, runtime.current().precision)
         form = self._form._replace(serial=runtime.few(rows * self._rows, SEE))

@@ -110,7 +110,7 @@ class Planner:
 
     @property
     def price(self) -> float:
-        """Seconds of computing for a second of one environment in which there was something to plan."""
+        """Computing time (s) for a second of one environment in which a plan could change something."""
         return self._seconds / max(self._life, 1e-9)
 
     def correction(self) -> Tensor:
@@ -118,11 +118,11 @@ class Planner:
         return self._at(self._knots, self._age)
 
     def correction_at(self, decisions: int) -> Tensor:
-        """The correction [env, vehicle, n] so many decisions after the plans were made."""
+        """The correction [env, vehicle, n] at the given number of decisions after the plans were made."""
         return self._at(self._knots, decisions)
 
     def bind(self, team: Any) -> None:
-        """Begin with the team's mission, if it is another than before."""
+        """Prepare for the team's mission, unless the planner already has."""
         if self._mission is team.mission:
             return
         mission = team.mission
@@ -191,7 +191,7 @@ class Planner:
         return path_integral_mean(plans, costs)
 
     def _costs(self, model: Any, name: str, plans: Tensor) -> Tensor:
-        """What following each of `plans` [n, sample, knot, vehicle, a] costs each vehicle [n, sample, vehicle]."""
+        """Costs [n, sample, vehicle] of following each of `plans` [n, sample, knot, vehicle, a]."""
         n, samples = plans.shape[:2]
         knots, team = plans.flatten(0, 1), model.teams[name]
         cost = torch.zeros((n * samples, team.fleet.count), device=plans.device, dtype=plans.dtype)
@@ -211,7 +211,7 @@ class Planner:
         return cost.view(n, samples, -1)
 
     def _width(self, team: Any) -> int:
-        """Numbers of a correction for each vehicle."""
+        """Number of values of each vehicle's correction."""
         return len(team.plan_names)
 
     def _action(self, team: Any, correction: Tensor) -> Tensor:
@@ -219,17 +219,17 @@ class Planner:
         return team.planned(correction)
 
     def _view(self, team: Any) -> Any:
-        """What the controller acts by: the team as it is."""
+        """Knowledge by which the controller acts: the team itself, which is the truth."""
         return team
 
     # -- models and knots ------------------------------------------------------------------------------------------
 
     def _fork(self, team: Any, envs: Tensor, copies: int) -> Any:
-        """The model: so many copies of each environment, which share all noise to come."""
+        """Make the model: `copies` of each of the environments `envs`, which share all noise to come."""
         return self._copied(self._mission, envs, copies)
 
     def _copied(self, mission: Any, envs: Tensor, copies: int) -> Any:
-        """A fork of `mission`, in the place of the last one of that size."""
+        """Fork `mission` in place of the last fork of that size."""
         model = mission.fork(envs, copies, into=self._forks.get((len(envs), copies)))
         self._forks[len(envs), copies] = model
         return model
@@ -238,7 +238,7 @@ class Planner:
         return torch.randn(shape, generator=self._generator, dtype=torch.float32).to(like)
 
     def _at(self, knots: Tensor, age: Any) -> Tensor:
-        """Plans [row, knot, vehicle, a] `age` decisions (a number or [row]) after they were made [row, vehicle, a]."""
+        """Plans [row, knot, vehicle, a] `age` decisions (a number or [row]) after they were made: [row, vehicle, a]."""
         where = torch.as_tensor(age, device=knots.device).to(knots) * ((knots.shape[1] - 1) / self._steps)
         where = where.clamp(max=knots.shape[1] - 1).expand(len(knots))
         first = where.floor().long().clamp(max=knots.shape[1] - 2)
@@ -247,13 +247,13 @@ class Planner:
         return knots[rows, first] * (1 - part) + knots[rows, first + 1] * part
 
     def _shifted(self, knots: Tensor, age: Tensor) -> Tensor:
-        """Plans as they go on from now."""
+        """Shift plans, made `age` [row] decisions ago, so that they begin now."""
         step = self._steps / (knots.shape[1] - 1)
         return torch.stack([self._at(knots, age + k * step) for k in range(knots.shape[1])], dim=1)
 
 
 def _best(total: Tensor, plans: Tensor) -> tuple[Tensor, Tensor]:
-    """The least of costs [n, sample], [n], and its plan of [n, sample, ...]."""
+    """Return the lowest costs [n] of `total` [n, sample], and their plans [n, ...] of `plans` [n, sample, ...]."""
     chosen, rows = total.argmin(1), torch.arange(len(total), device=total.device)
     return total[rows, chosen], plans[rows, chosen]
 
@@ -268,7 +268,7 @@ def path_integral_mean(plans: Tensor, costs: Tensor, temperature: float = TEMPER
 
 
 def _classical(team: Any) -> Tensor:
-    """Actions of a team's classical controller; none where there is no controller."""
+    """Actions [env, vehicle, a] of a team's classical controller; 0 without a controller."""
     return torch.zeros_like(team.fleet.action) if team.controller is None else team.controller(team.known)
 
 
@@ -294,11 +294,11 @@ class HonestPlanner(Planner):
         super().renew(team)
 
     def _view(self, team: Any) -> Any:
-        """The team as its vehicles know it."""
+        """Knowledge by which the controller acts: what the vehicles know."""
         return team.known
 
     def _fork(self, team: Any, envs: Tensor, copies: int) -> Any:
-        """The model: so many copies of what the vehicles of each environment believe."""
+        """Make the model: `copies` of what the vehicles of each of the environments `envs` believe."""
         model = self._model(team)
         model.believe(team)
         return self._copied(model, envs, copies)

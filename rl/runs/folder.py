@@ -59,7 +59,7 @@ class Verdict(TypedDict):
 
 
 class Batch(TypedDict, total=False):
-    """Numbers of processes and environments from an iteration of a stage on."""
+    """How many processes and environments a stage has used from iteration `since_iteration` on."""
 
     since_iteration: int
     processes: int
@@ -83,7 +83,7 @@ class StageResult(TypedDict):
 
 
 class EvaluationResult(TypedDict):
-    """Figures of an evaluation."""
+    """Result of an evaluation: its conditions, the figures of each team, and the episodes that a report shows."""
 
     controller: str
     scenario: str

@@ -160,7 +160,7 @@ def wind_factor(profile: Profile, shear: float, height) -> np.ndarray:
 
 @ti.func
 def mean_wind_factor(profile: ti.template(), shear, h):
-    """Same as `wind_factor`, for kernels; h is the height (m above mean sea level)."""
+    """The function `wind_factor` for kernels; h is the height (m) above mean sea level."""
     factor = h * 0.0 + 1.0
     if ti.static(profile != "uniform"):
         x = log(ti.max(h, LOWEST_HEIGHT) * ti.static(1 / REFERENCE_HEIGHT))

@@ -115,7 +115,7 @@ def lines(found: Fit, logs: list[Log]) -> list[str]:
 
 
 def of_held_out(found: Fit) -> str:
-    """How well the windows that were not fitted are simulated."""
+    """A line on the residuals of the windows that were not fitted."""
     if np.isnan(found.after):
         return "no window was held out, there are too few: give longer logs, or a --test"
     return (f"windows that were not fitted: residuals of {found.before:.2f} standard deviations by the file, "
@@ -129,12 +129,12 @@ def _rms(left: np.ndarray) -> str:
 
 
 def _largest(change: np.ndarray) -> list[int]:
-    """Numbers by how much they change, the largest first; those below a tenth of it are left out."""
+    """Indices of the numbers by the size of their `change`, largest first, down to a tenth of the largest change."""
     return [int(k) for k in np.argsort(-np.abs(change)) if abs(change[k]) > 0.1 * np.abs(change).max()]
 
 
 def of_starts(found: Fit) -> list[str]:
-    """What the searches from several starts came to."""
+    """Lines on where the searches from several starts have ended."""
     took = f"{found.seconds:.1f} s"
     if found.asked == 1:
         return [f"one start, from the file's numbers: {took}"]

@@ -103,7 +103,10 @@ class Soft:
         self.seconds, self.value, self._time = seconds, np.zeros(0), 0.0
 
     def towards(self, value: Array, time_s: float, leap: float = np.inf) -> Array:
-        """Value at `time_s`; it jumps to `value` if time ran backwards or the distance exceeds `leap`."""
+        """Approach `value` until `time_s`, and return the result.
+
+        It jumps to `value` if time ran backwards or the distance exceeds `leap`.
+        """
         value = np.asarray(value, dtype=np.float64)
         passed = time_s - self._time
         if not self.value.size or passed < 0.0 or np.linalg.norm(value - self.value) > leap:

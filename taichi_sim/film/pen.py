@@ -131,7 +131,7 @@ class Pen:
             self._labels.append((where, Label(np.asarray(place_n, dtype=np.float64), text, colour)))
 
     def drawing(self, kind: str) -> Drawing:
-        """The drawing for a `kind` of view (SHOWN)."""
+        """Collect what a view of this `kind` shows (a key of SHOWN): solids, strokes and labels."""
         seen = SHOWN[kind]
         strokes = [one for where, one in self._strokes if where in seen] or [NO_STROKES]
         solids = [one for where, one in self._solids if where in seen] or [NO_SOLIDS]

@@ -225,7 +225,7 @@ def _thick(size: tuple[int, int]) -> float:
 
 
 def _letters(high: int) -> int:
-    """Size of letters, px, in a picture of that height."""
+    """Size of letters (px) in a picture `high` px high."""
     return int(np.clip(round(0.029 * high), 10, 40))
 
 

@@ -256,7 +256,7 @@ def solid_numbers(solids: Solids, eye_n: Array) -> NDArray[np.float32]:
 
 
 def stroke_numbers(strokes: Strokes, eye_n: Array) -> NDArray[np.float32]:
-    """Strokes as numbers [S * STROKE]: ends from the eye (m), colour, half the width (samples), lift (m)."""
+    """Pack strokes into numbers [S * STROKE]: ends relative to the eye (m), colour, half width (samples), lift (m)."""
     ends = (strokes.ends_n - eye_n).reshape(-1, 6)
     half = 0.5 * SAMPLES * strokes.width_px
     parts = (ends, strokes.colours / 255.0, half[:, None], strokes.lift_m[:, None])

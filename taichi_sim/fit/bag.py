@@ -120,7 +120,7 @@ def _motion(poses: list[Any]) -> tuple[Array, Array, Array, Array]:
 
 
 def _named(path: Path, topic: str, name: str, messages: list[Any]) -> Array:
-    """Values of an action in the messages of all of a vehicle; LogError if a message lacks it."""
+    """Values of action `name` in messages that hold all actions of a vehicle; LogError if a message lacks it."""
     values = np.empty(len(messages))
     for k, message in enumerate(messages):
         names = list(message.name)

@@ -133,7 +133,7 @@ def _candidates(problem: Problem, state: Array, prior: Array, sigma: Array, coun
 
 
 def _distinct(found: Sequence[SearchEnd], prior: Array) -> list[SearchEnd]:
-    """One of each group of searches that ended at the same numbers, the likeliest ones first."""
+    """Keep one of each group of searches that ended at the same numbers, the likeliest ones first."""
     kept: list[SearchEnd] = []
     for one in sorted(found, key=lambda f: -f.log_likelihood(prior)):
         if all(np.abs((one.point.phi - other.point.phi) / prior).max() > SAME for other in kept):
@@ -144,7 +144,7 @@ def _distinct(found: Sequence[SearchEnd], prior: Array) -> list[SearchEnd]:
 def _searched(
     simulator: WindowSimulator, used: list[Window], logs: Sequence[Log], prior: Array, seconds: float, starts: int
 ) -> tuple[Problem, list[SearchEnd]]:  # fmt: skip
-    """The problem of the full windows, and where searches from several starts ended in it, the likeliest first."""
+    """Search from several starts; return the problem of the full windows, and the ends found, the likeliest first."""
     interval, lead = simulator.interval, lead_steps(simulator.interval)
     short = cut(used, lead, max(round(SHORT * seconds / interval), lead, LEAST))
     state = np.array([first_state(w, interval) for w in short])
@@ -176,7 +176,7 @@ def _directions(S: Array, prior: Array) -> list[Array]:
 
 
 def _tested(simulator: WindowSimulator, log: Log, numbers: Array, sigma: Array, seconds: float, number: int) -> Tested:
-    """A log that was not fitted: its current, biases and first states are estimated, the numbers are not."""
+    """Test the numbers on a log that was not fitted: estimate only its current, biases and first states."""
     windows = windows_of([log], seconds)
     nobody, found = np.zeros(0), []
     begin = np.array([first_state(w, simulator.interval) for w in windows])
@@ -274,7 +274,7 @@ def fit(
 
 
 def _given_the_rest(phi: Array, covariance: Array, told: NDArray[np.bool_]) -> Array:
-    """The most likely logarithms if those that the data do not tell stay at 0, the file's values."""
+    """The most likely logarithms, with those that the data do not determine held at 0, the file's values."""
     if told.all() or not told.any():
         return phi * told
     kept = np.where(told, phi, 0.0)

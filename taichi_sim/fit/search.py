@@ -64,9 +64,9 @@ def side_by_side(simulator: WindowSimulator, searches: Sequence[Search[T]]) -> l
 
 
 class Problem:
-    """Residuals of some windows and their derivatives.
+    """Residuals of some windows, and the derivatives of the simulated motions.
 
-    With `known`, the numbers are these and not estimated: the unknown ones (`phi`) are none.
+    With `known`, the simulation uses these numbers and none is estimated: `phi` is empty.
     """
 
     def __init__(self, windows: Sequence[Window], interval: float, logs: int, known: Array | None = None):
@@ -153,7 +153,7 @@ class SearchEnd(NamedTuple):
     rounds: int  # how often the normal equations were solved
 
     def log_likelihood(self, prior: Array) -> float:
-        """Logarithm of the posterior, but for a constant: its deviations are those of the residuals."""
+        """Logarithm of the posterior, up to a constant, with the standard deviations `sigma` of the residuals."""
         each = self.point.left.size // len(self.sigma)
         return float(-each * np.log(self.sigma).sum() - 0.5 * ((self.point.phi / prior) ** 2).sum())
 

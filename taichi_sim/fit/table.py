@@ -21,7 +21,7 @@ class LogError(ConfigError):
 
 
 class Column(NamedTuple):
-    """Where a column is, and what its values are multiplied by."""
+    """Source of a column, and the factor that converts its values."""
 
     source: str  # header of a CSV, topic of a bag
     factor: float = 1.0
@@ -37,7 +37,7 @@ class Source:
 
 
 class Table(NamedTuple):
-    """What a log holds, in SI, not yet checked."""
+    """Content of a log in SI units, not yet checked."""
 
     columns: dict[str, Array]  # t, CHANNELS, the actions, and WIND if it was measured; all of one length
     place: Callable[[int], str]  # number of a sample -> where it is in the file

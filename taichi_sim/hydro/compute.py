@@ -179,7 +179,7 @@ def _surface(craft: FloatingHull, mesh: WettedSurface | None, wishes: Wishes) ->
 
 
 def _resonances(craft: FloatingHull, floating: Floating, wishes: Wishes) -> Resonances:
-    """Resonances by a coarse pass at 0.25 to 1.5 times those without added mass."""
+    """Find the resonances by a coarse pass, from 0.25 of the lowest to 1.5 of the highest without added mass."""
     surface, size = divided(craft.panels, COARSE)
     tank = Tank(surface, inner_lid(surface, size), np.empty((0, 4, 3)), wishes.rho, wishes.g, wishes.depth, 0.0)
     w = np.sqrt(np.diag(floating.C)[VERTICAL] / np.diag(floating.M)[VERTICAL])
@@ -225,7 +225,7 @@ def _digits(omega) -> Array:
 def _headings(surface: WettedSurface, step: float | None, omega: float, g: float) -> Array:
     """Headings towards port, deg; only those of one side if port and starboard are alike.
 
-    Without a `step` it is one that resolves the k L / 2 harmonics of the loads of waves of `omega` (rad/s).
+    The default `step` resolves the k L / 2 harmonics of the loads of waves of `omega` (rad/s).
     """
     if step is None:
         order = omega**2 / g * float(np.ptp(surface.whole[..., X])) / 2 + MORE_ORDERS

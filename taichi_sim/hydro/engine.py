@@ -24,7 +24,7 @@ class DampedEngine(DefaultMatrixEngine):
     """Engine whose matrices include a damping lid: the last `lid` panels of each image."""
 
     def __init__(self, lid: int, damping: float, direct: bool):
-        """Take epsilon K as `damping` (1/m); `direct` states capytaine's method."""
+        """Set the number of `lid` panels, `damping` = epsilon K (1/m), and whether capytaine's method is `direct`."""
         super().__init__()
         self._lid, self._damping, self._direct = slice(-lid, None) if lid else slice(0), damping, direct
 

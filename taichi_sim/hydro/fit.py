@@ -197,7 +197,11 @@ class MemorySearch:
         return float(found.cost), found.x
 
     def _parts(self, x: Array, masses: int) -> tuple[Array, Array, Array, Array]:
-        """Frequencies, L of R = L L^T, scaled shape, and scaled change of A_inf, from the vector of unknowns."""
+        """Unpack the unknowns `x`: frequencies [M], L [M, M], scaled shapes G [M, g], scaled change of A_inf [g, g].
+
+        The dampers are L L^T, plus LEAST times the frequencies on the diagonal. Only the upper triangle of the change
+        is filled.
+        """
         g, n = len(self.group), masses * (masses + 1) // 2
         L, change = np.zeros((masses, masses)), np.zeros((g, g))
         L[np.tril_indices(masses)] = x[masses : masses + n]

@@ -110,7 +110,7 @@ class Laned(TaichiOperations):
 
 
 def _alike(x: Any) -> Any:
-    """A number of each vehicle, the same for all."""
+    """Repeat a number for each vehicle of a group."""
     return matrix.make_matrix([impl.expr_init(float(x) if isinstance(x, int) else x)] * lanes.WIDTH)
 
 
@@ -189,7 +189,7 @@ class Record:
 
 @ti.func
 def group(width: ti.template(), first, envs, count):
-    """Environment and number in it of each of `width` consecutive vehicles, beginning with vehicle `first`.
+    """Environment, and index in it, of each of `width` consecutive vehicles from vehicle `first` on.
 
     Vehicles are counted through all `envs` environments, `count` in each. Members beyond the last are copies of it.
     """
@@ -269,7 +269,7 @@ def cast(x: Any, kind: Any) -> Any:
 
 @in_kernels
 def bit_cast(x: Any, kind: Any) -> Any:
-    """ti.bit_cast, also of a group's numbers; LLVM makes one instruction of it."""
+    """Reinterpret the bits of a number, or of each number of a group; LLVM makes one instruction of it."""
     if not is_laned(x):
         return ops.bit_cast(x, kind)
     held = impl.expr_init(x)

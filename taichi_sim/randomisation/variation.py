@@ -20,8 +20,7 @@ HALVINGS = 50  # steps of the bisection for the nearest number that a vehicle fi
 
 
 class NumberDraws:
-    """Draws new numbers for a fleet's vehicles when an episode begins; those without a range get the vehicle file's
-    numbers.
+    """Draws new numbers for a fleet's vehicles when an episode begins; numbers without a range stay as in the file.
 
     Each range is checked together with the other numbers of the vehicle file. Mass, inertia and CG of a vehicle are
     drawn independently of each other. A hull's inertia follows its mass and CG (rigid_body.changed_mass); an aircraft's
@@ -29,8 +28,8 @@ class NumberDraws:
 
     Attributes:
         names: keys that have a range.
-        told: relative deviation of each number from the vehicle file, [env, vehicle, name], in run precision; where the
-            file's number is 0, over the end of the range. Written in place.
+        told: [env, vehicle, name] relative deviation of each number from that of the vehicle file, in run precision.
+            If the file's number is 0, the deviation is divided by the range's larger end instead. Written in place.
     """
 
     STATE = ("told",)

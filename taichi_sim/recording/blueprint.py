@@ -116,10 +116,10 @@ def _view(
 
 
 def _overrides(episode: Episode, team: TeamTrack) -> dict:
-    """What differs in a team's view: hidden are other teams' sea and, for boats, lines down from aircraft.
+    """Overrides of a team's view: it hides other teams' sea and, for boats, the plumb lines of aircraft.
 
-    Trails of aircraft show the last seconds, because they are segmented; boats' trails are whole lines. All else shows
-    the present only.
+    An aircraft's trail has one segment for each step, so the view shows those of the last TRAIL_S seconds. A boat's
+    wake is a whole line in each frame. All else shows the present only.
     """
     aloft, patches = [one.name for one in episode.teams.values() if not one.on_water], patch_of(episode)
     hidden = [f"world/{name}/sea" for name in set(patches.values()) if name != patches[team.name]]

@@ -44,7 +44,7 @@ def send_overlays(stream: Stream, episode: Episode) -> None:
 
 
 def _send_geometry(stream: Stream, overlay: Geometry, like: Geometry, lift: float) -> None:
-    """Send an overlay that looks like `like`, the same overlay of the whole episode."""
+    """Send a part of an overlay in the style of `like`, the same overlay of the whole episode."""
     arrays = tuple(overlay.shapes)
     moves = max(len(getattr(one, name)) for one in (overlay, like) for name in arrays) > 1
     given = [getattr(overlay, name) for name in arrays]

@@ -120,7 +120,7 @@ class TeamTrack:
 
     @property
     def on_water(self) -> bool:
-        """Whether its vehicles are boats."""
+        """Whether the team's vehicles are boats."""
         return self.medium == "water"
 
     @property

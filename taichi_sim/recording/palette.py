@@ -19,14 +19,14 @@ class Livery(NamedTuple):
 
 
 FIRST = {"water": Livery((213, 94, 0), (250, 176, 84)), "air": Livery((140, 60, 190), (186, 140, 216))}
-"""Of the first team on the water and of the first in the air."""
+"""Liveries of the first team on the water and of the first in the air."""
 OTHERS = (
     Livery((0, 104, 88), (116, 196, 178)),
     Livery((150, 30, 60), (222, 134, 154)),
     Livery((40, 70, 170), (144, 166, 232)),
     Livery((110, 116, 20), (196, 200, 110)),
 )
-"""Of all other teams, which take turns."""
+"""Liveries of all other teams, which take turns."""
 FOLLOWERS: tuple[Colour, ...] = (
     (0, 114, 178),
     (230, 159, 0),

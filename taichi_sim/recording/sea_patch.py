@@ -330,7 +330,7 @@ class _Square:
         self.light = np.where(changed[..., None], shade, self.light)
 
     def _off(self, centre: Array, boats: Array) -> Array:
-        """Tolerance [side, side] of heights, m; zero at a hull."""
+        """Changes of height [side, side] (m) up to which points stay as drawn; 0 at a hull."""
         most = OFF_CRESTS * self.crest
         if not len(boats):
             return np.full(self.north.shape, most)

@@ -85,11 +85,11 @@ class Session:
         self.answer = b""
 
     def tick(self) -> float:
-        """Seconds until something is due by the clock: nothing ever is."""
+        """Seconds until something is due by the wall clock: infinite, because nothing is."""
         return math.inf
 
     def state(self, seconds: float) -> str:
-        """A line on the conversation of the last `seconds`."""
+        """A status line: simulated time, frame counts, and the mean frame rate over the `seconds` since the start."""
         c, craft = self.counts, self.craft
         if self.last is None:
             return f"waiting for ArduPilot{c.refusals}"
@@ -99,7 +99,7 @@ class Session:
         )
 
     def receive(self, data: bytes, sender: Address) -> bytes | None:
-        """The answer to a packet, or None if there is none."""
+        """Process a packet of `sender`; return the answer, or None for a packet that is refused or late."""
         try:
             servos = parse(data)
             self._check_sender(sender, servos)

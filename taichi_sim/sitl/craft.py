@@ -55,7 +55,7 @@ class Sensors(NamedTuple):
 
 @dataclass
 class Counts:
-    """Numbers of frames, packets and messages, by kind."""
+    """Counts frames, packets and messages, by kind."""
 
     frames: int = 0  # new frames
     repeated: int = 0
@@ -67,13 +67,13 @@ class Counts:
     refused: dict[str, int] = field(default_factory=dict)  # reason -> number
 
     def refuse(self, why: str) -> None:
-        """Count what was refused, by its reason."""
+        """Count a refusal by its reason `why`."""
         if why in self.refused or len(self.refused) < MOST_REASONS:
             self.refused[why] = self.refused.get(why, 0) + 1
 
     @property
     def refusals(self) -> str:
-        """What was refused, as the end of a line."""
+        """Refusals by reason, as the end of a status line."""
         return "".join(f"; refused {n}: {why}" for why, n in self.refused.items())
 
 

@@ -118,7 +118,7 @@ class Px4Session:
         return RESEND - (now - self._silent)
 
     def state(self, seconds: float) -> str:
-        """A line on the conversation of the last `seconds`."""
+        """A status line: simulated time, frame counts, and the mean frame rate over the `seconds` since the start."""
         c, craft = self.counts, self.craft
         if not self.connected:
             return f"waiting for PX4{c.refusals}"

@@ -28,7 +28,7 @@ def flight(p: MultirotorParams, airspeed: float, gamma: float) -> MultirotorTrim
 
 
 def hover_table(p: MultirotorParams) -> str:
-    """Figures of hover."""
+    """Text on hover: rotor speeds, induced velocity, power, figure of merit and, with a battery, endurance."""
     a, v = allocation(p), induced_velocity(p)  # pyright: ignore[reportArgumentType]
     ideal, shaft = a.weight * v, shaft_power(p, trim(p).omega)
     speeds = ", ".join(f"{w:.1f}" for w in a.hover)

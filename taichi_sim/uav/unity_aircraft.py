@@ -79,7 +79,7 @@ class UnityAircraftParams(Strict):
 
 
 class AircraftNumbers(NamedTuple):
-    """Numbers that the kernel uses."""
+    """Numbers of one aircraft that the kernel uses."""
 
     inverse_mass: Number  # 1/kg
     acceleration: Number  # at a boost of 1, m/s^2

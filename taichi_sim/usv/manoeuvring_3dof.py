@@ -233,7 +233,7 @@ class Manoeuvring3dof(Vessel):
         return np.stack((2.0 * ahead - 1.0, helm), axis=-1)
 
     def own(self, values: Mapping[str, Number]) -> ManoeuvringNumbers:
-        """Numbers that the kernel uses."""
+        """Compute the kernel's numbers from `values`."""
         m11, m22, m23, m32, m33 = _inertia(values)
         # the deviation from the command decays by exp(-dt / T) in a step; its mean acts on the hull
         x = self.dt / (values["time_constant"] + AT_ONCE)

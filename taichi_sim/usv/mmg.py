@@ -128,7 +128,7 @@ def part_numbers(
     values: Mapping[str, Number], propeller: Propeller, rudder: Rudder, propellers: int, rudders: int, length: float,
     density: float, dt: float,
 ) -> dict[str, Number]:  # fmt: skip
-    """Numbers of MmgNumbers for `propellers` propellers and `rudders` rudders together, from `values` of `OF_PARTS`."""
+    """Compute MmgNumbers of `propellers` propellers and `rudders` rudders together, from `values` of `OF_PARTS`."""
     D = propeller.diameter
     thrust = density * propellers * D**2
     lags = {}
@@ -169,7 +169,7 @@ def part_numbers(
 
 
 def numbers_of(values: Mapping[str, Number], params: MmgParams, dt: float) -> MmgNumbers:
-    """Numbers for a kernel with step dt (s): `values` for all keys that vary, all others from `params`."""
+    """Compute the kernel's numbers for a step dt (s): `values` for all keys that vary, all others from `params`."""
     L, d, rho, windage = params.length, params.draft, params.density, params.windage
     propeller, rudder, area = params.propeller, params.rudder, 0.5 * rho * L * d
     mass = rho * values["displacement"]
@@ -344,7 +344,7 @@ class Mmg3Dof(Vessel):
         return np.stack(np.broadcast_arrays(np.asarray(ahead, dtype=np.float64), helm), axis=-1)
 
     def own(self, values: Mapping[str, Number]) -> MmgNumbers:
-        """Numbers that the kernel uses."""
+        """Compute the kernel's numbers from `values`."""
         return numbers_of(values, self.params, self.dt)
 
     def step(self, fleet: Fleet, around: Surroundings) -> None:

@@ -55,7 +55,7 @@ class Simulator:
         self.model = model
 
     def advance(self, fleet: Fleet, around: Surroundings) -> Array:
-        """States [env * vehicle, 13] one control step later.
+        """Move the vehicles by one control step; return their states [env * vehicle, 13].
 
         `fleet` (taichi_sim/fleet.py) holds states and actions. A simulator may keep state of its own in `fleet.aux`,
         which our model resets at the beginning of an episode. `around.current` [env, 2] is the water's velocity, m/s.
@@ -320,7 +320,7 @@ class Crazyflow(Simulator):
 
 
 def _jax(values: Array) -> Any:
-    """An array of crazyflow's, [world, drone, n], of values [world, n]."""
+    """Convert values [world, n] to an array [world, drone, n] of crazyflow."""
     import jax.numpy as jnp
 
     return jnp.asarray(values[:, None], dtype=jnp.float32)

@@ -75,7 +75,7 @@ class Trims:
     """JSBSim's trims of level flight, shared by all aircraft."""
 
     def __init__(self):
-        """Find them."""
+        """Trim JSBSim's aircraft at each of SPEEDS."""
         there = _simulation(STEP)
         self.span: float = there["metrics/bw-ft"] * FOOT
         self.commands = np.array([_begin(there, speed, HEIGHT, 0.0) for speed in SPEEDS]).T
@@ -127,7 +127,7 @@ class Plane:
 
     @property
     def eta(self) -> list[float]:
-        """North, east of where it began, down from the sea (m); roll, pitch, heading (rad)."""
+        """North and east of the start, down from the sea (m); roll, pitch, heading (rad)."""
         there = self.there
         up = there["position/h-sl-meters"]
         north = (MERIDIAN + up) * there["position/lat-geod-rad"]

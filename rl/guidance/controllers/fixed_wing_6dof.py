@@ -92,7 +92,10 @@ class FixedWing6DofController(SlotController):
         return FlightCommand(velocity, (x_rate, y_rate), (velocity - direct).norm(dim=-1) > EVADING)
 
     def act(self, team: Knowledge, wanted: "FlightCommand") -> Tensor:
-        """Actions [env, vehicle, (pitch or climb, yaw, boost)] in [-1, 1]; none where the state is not finite."""
+        """Actions [env, vehicle, (pitch or climb, yaw, boost)] in [-1, 1].
+
+        They are 0 where they would be NaN, as for a state that is not finite.
+        """
         v, air = team.fleet.velocity_n, velocity_through_air(team)
         flown = air[..., :2]
         level, nose = self._way_flown(air)

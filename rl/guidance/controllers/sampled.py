@@ -21,7 +21,7 @@ class Held(NamedTuple):
 
 
 def held(dt: float, substeps: int, damping: float = 0.0) -> Held:
-    """`substeps` PhysX steps of `dt` (s)."""
+    """The decision interval of `substeps` PhysX steps of `dt` (s) each, with `damping` (1/s)."""
     keep, gain, reach, push = 1.0, 0.0, 0.0, 0.0
     for _ in range(substeps):
         keep, gain = keep * (1 - damping * dt), (gain + dt) * (1 - damping * dt)

@@ -215,7 +215,7 @@ class Course:
         return Load(X, Y, ship.m33 * k.k_r * (rate - r) + ship.yaw.at(rate))
 
     def wanted(self, team: Knowledge) -> CourseCommand:
-        """v* and v*' that lead to the team's slots."""
+        """The velocity command v*, and its rate of change v*', that lead the vessels to their slots."""
         slot, error, v = formation_velocity(team), team.now.error[..., :2], team.fleet.velocity_n[..., :2]
         chase = self.loops.k_e * error
         limit = self._fastest(slot, chase, team.now.about).clamp(
@@ -362,7 +362,7 @@ class Hull6DofController(CourseController):
         self.course = Course(hull_dynamics(model, self.thrusters), self.gains, model.dt * model.substeps)
 
     def act(self, team: Knowledge, wanted: CourseCommand) -> Tensor:
-        """Actions [env, vehicle, 2] in [-1, 1]; none for a vehicle whose state is not finite."""
+        """Actions [env, vehicle, 2] in [-1, 1]; 0 where they would be NaN, as for a state that is not finite."""
         left, right = shares(self.thrusters, self.course.load(team, wanted), astern=self.actions == "left_right")
         if self.actions == "left_right":
             action = torch.stack((shaft(self.thrusters, left), shaft(self.thrusters, right)), dim=-1)
@@ -430,7 +430,7 @@ class Manoeuvring3dofController(CourseController):
         self.course = Course(planar_dynamics(model.params), self.gains, model.dt * model.substeps)
 
     def act(self, team: Knowledge, wanted: CourseCommand) -> Tensor:
-        """Actions [env, vehicle, 2 or 3] in [-1, 1]; none for a vehicle whose state is not finite."""
+        """Actions [env, vehicle, 2 or 3] in [-1, 1]; 0 where they would be NaN, as for a state that is not finite."""
         p, load = self.params, self.course.load(team, wanted)
         X, N = load.X / p.surge_force_max, load.N / p.yaw_moment_max
         if p.actions == "acceleration_yaw":

@@ -30,7 +30,7 @@ BEGINS = 1.5  # radii of the circle from the vessel's expected place, within whi
 
 
 def aircraft_observers(mission: "Escort", name: str, first: int) -> ObserverGroup:
-    """The aircraft of team `name` as observers, numbered from `first` on."""
+    """Make the observer group of the aircraft of team `name`, numbered from `first` on."""
     config, fleet = mission.config, mission.world.teams[name]
     section = config.parts[name]
     own = Readings(fleet, section.sensors, config.decision_interval, config.first_number(name))
@@ -80,7 +80,7 @@ class EscortAircraft(ResidualTeam):
         self.known = self.measured = MeasuredAircraft(self, number, form)
 
     def measure(self, which: Tensor, count: int) -> None:
-        """Measure the truth in environments `which` [env] int32, `count` of them, and read the instruments."""
+        """Measure the truth and read the instruments in the `count` environments where `which` [env] int32 is not 0."""
         self.forget()
         mission = self.mission
         self.sensor.look(mission.obstacles, mission.env_world, which, count, mission.bodies)
@@ -93,17 +93,17 @@ class EscortAircraft(ResidualTeam):
         self.camera.see(which, rows, self.mission.noise.table)
 
     def conclude(self, which: Tensor, count: int) -> None:
-        """Update what the aircraft know, after the shared tracking."""
+        """Update what the aircraft know; call after `SharedTracking.update`."""
         self.measured.measure(which, count)
 
     @property
     def sees(self) -> Tensor:
-        """bool [env, aircraft]: its camera sees the vessel."""
+        """Whether each aircraft's camera sees the vessel, bool [env, aircraft]."""
         return self.tracking.sees(self.name)
 
     @property
     def layout(self) -> Mapping[str, int]:
-        """Terms of its observations and their widths (circling.py)."""
+        """Terms of the team's observations and their widths (circling.py)."""
         return self.measured.circle.widths
 
     def observe(self) -> Tensor:
@@ -170,19 +170,19 @@ class MeasuredAircraft:
         return self._team.steps
 
     def measure(self, which: Tensor, rows: int) -> None:
-        """Measure in environments `which` [env] int32, `rows` of them."""
+        """Measure in the `rows` environments where `which` [env] int32 is not 0."""
         team = self._team
         self.circle.listen(which, rows)
         self.sensor.update(which, rows, self.steps, team.mission.noise.table)
 
     @property
     def boats(self) -> tuple[Tensor, Tensor]:
-        """Mean place of the boats heard [env, aircraft, 2] and distance to the farthest [env, aircraft, 1], m, or 0."""
+        """Mean place [env, aircraft, 2] of the boats heard, distance [env, aircraft, 1] to the farthest, m, or 0."""
         return self._boats, self._farthest
 
 
 def scout_observers(mission: "Escort", name: str, first: int) -> ObserverGroup:
-    """Scouts in the place of the aircraft of team `name` as observers, numbered from `first` on."""
+    """Make an observer group of scouts that replace the aircraft of team `name`, numbered from `first` on."""
     section, like = mission.config.parts[name], mission.hs
     rows = mission.num_envs, section.count
     views = Views(
@@ -205,7 +205,7 @@ class Scouts:
     STATE = ("views", "camera")
 
     def __init__(self, mission: "Escort", name: str, tracking: SharedTracking):
-        """Make as many as team `name` has vehicles, which are among the observers of `tracking`."""
+        """Make one scout for each vehicle of team `name`; all are among the observers of `tracking`."""
         section, like = mission.config.parts[name], mission.hs
         self.mission, self.name, self.section, self.orbit = mission, name, section, section.orbit
         group = tracking.groups[name]
@@ -229,7 +229,7 @@ class Scouts:
         state[envs] = row
 
     def measure(self, which: Tensor) -> None:
-        """Fly on in environments [env] int32 that are 1."""
+        """Advance the scouts by one decision where `which` [env] int32 is 1, and aim their cameras at the vessel."""
         state, derived = self.views.state, self.views.derived
         R, sigma, dt = self.orbit.radius, self.orbit.turn, self.mission.config.decision_interval
         x = state[..., :2] - self.mission.vessel_place.unsqueeze(1)
@@ -246,5 +246,5 @@ class Scouts:
         self.camera.aim(self.mission.vessel_place.unsqueeze(1).expand_as(x))
 
     def look(self, which: Tensor, rows: int) -> None:
-        """Look at the vessel, in environments [env] int32 that are not 0, `rows` of them."""
+        """Take the cameras' sightings in the `rows` environments where `which` [env] int32 is not 0."""
         self.camera.see(which, rows, self.mission.noise.table)

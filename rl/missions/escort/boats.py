@@ -29,7 +29,7 @@ BEGINS = 15.0  # m from the expected vessel at which a search begins
 
 
 def boat_observers(mission: "Escort", name: str, first: int) -> ObserverGroup:
-    """The boats of team `name` as observers, numbered from `first` on."""
+    """Make the observer group of the boats of team `name`, numbered from `first` on."""
     config, fleet = mission.config, mission.world.teams[name]
     section = config.parts[name]
     own = Readings(fleet, section.sensors, config.decision_interval, config.first_number(name))
@@ -38,7 +38,9 @@ def boat_observers(mission: "Escort", name: str, first: int) -> ObserverGroup:
 
 
 class EscortBoats(ResidualTeam):
-    """The team of boats, measured after each step; every tensor is [env, boat, ...]. It is its own ground truth.
+    """The team of boats, measured after each step; every tensor is [env, boat, ...].
+
+    The class implements `Knowledge` (rl/guidance/knowledge.py) with the true values.
 
     Attributes:
         now: errors from the slots about the true vessel; known.now: about the vessel as each boat knows it.
@@ -81,7 +83,7 @@ class EscortBoats(ResidualTeam):
         self._true = ObservationWriter(self, "full", self.reference_width)
 
     def measure(self, which: Tensor, count: int) -> None:
-        """Measure the truth in environments `which` [env] int32, `count` of them, and read the instruments."""
+        """Measure the truth and read the instruments in the `count` environments where `which` [env] int32 is not 0."""
         self.forget()
         self.before = torch.where((which == 1).unsqueeze(-1), self.now.distance, self.before)
         self.now.measure(which, count)
@@ -91,16 +93,16 @@ class EscortBoats(ResidualTeam):
         self.own.read(which, count, mission.noise.table)
 
     def look(self, which: Tensor, rows: int) -> None:
-        """Look out for the vessel and obstacles, in environments as of `measure`."""
+        """Look out for the vessel and obstacles in the `rows` environments where `which` [env] int32 is not 0."""
         self.lookout.see(which, rows, self.mission.noise.table)
 
     def conclude(self, which: Tensor, count: int) -> None:
-        """Update what the boats know, after the shared tracking."""
+        """Update what the boats know; call after `SharedTracking.update`."""
         self.measured.measure(which, count)
 
     @property
     def layout(self) -> Mapping[str, int]:
-        """Terms of its observations and their widths: those of formations, and two of the track of the vessel."""
+        """Terms of the team's observations and their widths: those of formations, and two of the vessel's track."""
         return {**self.observations.widths, "track_age": 1, "track_sigma": 1}
 
     def observe(self) -> Tensor:
@@ -157,7 +159,7 @@ class MeasuredBoats:
         return self._team.steps
 
     def measure(self, which: Tensor, rows: int) -> None:
-        """Measure in environments `which` [env] int32, `rows` of them."""
+        """Measure in the `rows` environments where `which` [env] int32 is not 0."""
         tracking = self._team.tracking
         self.target.table.copy_(tracking.of(self._team.name, tracking.targets))
         self.now.measure(which, rows)

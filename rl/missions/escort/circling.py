@@ -95,13 +95,13 @@ def on_from(own, angle, turn):
 
 @ti.func
 def between(nearest, farthest):
-    """The gap error, of the least and the greatest angle from an aircraft on to others; -1: there are none."""
+    """Gap error (rad) by the angles on to the nearest and the farthest other aircraft; 0 if `farthest` is -1 (none)."""
     return ti.select(farthest < 0, 0.0, 0.5 * (nearest - (TWO_PI - farthest)))
 
 
 @ti.kernel
 def _measure(out: ErrorsPack, true: TruePack, which: whole1, form: ti.template()):
-    """Errors from the circle about the true vessel, and the share of boats within range of the radio."""
+    """Write errors from the circle about the true vessel, and the share of boats within radio range."""
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(true.state.shape[0], true.state.shape[1]):
         if which[e] != 0:
@@ -129,7 +129,7 @@ def _measure(out: ErrorsPack, true: TruePack, which: whole1, form: ti.template()
 
 @ti.kernel
 def _listen(out: KnownPack, of: HeardPack, which: whole1, form: ti.template()):
-    """Where the vessel is, by an aircraft's own estimate, and where others are, by the messages that it has heard."""
+    """Write what each aircraft knows: the vessel by its own estimate, the others by the messages that it has heard."""
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(of.state.shape[0], of.state.shape[1]):
         if which[e] != 0:
@@ -228,7 +228,7 @@ class CircleErrors:
         )  # fmt: skip
 
     def measure(self, which: Tensor, count: int) -> None:
-        """Measure in environments `which` [env] int32 that are not 0, `count` of them."""
+        """Measure in the `count` environments where `which` [env] int32 is not 0."""
         form = self._form._replace(serial=runtime.few(count * self._rows, CIRCLE))
         self._launch(self._out(), self._true(), which, form)
 
@@ -267,7 +267,7 @@ class CircleKnowledge:
         self._listen, self._observe = runtime.Launcher(_listen), runtime.Launcher(_observe)
 
     def listen(self, which: Tensor, rows: int) -> None:
-        """Update in environments `which` [env] int32 that are not 0, `rows` of them."""
+        """Update the tensors in the `rows` environments where `which` [env] int32 is not 0."""
         form = self._form._replace(serial=runtime.few(rows * self._rows, LISTEN))
         self._listen(self._known(), self._heard(), which, form)
 
@@ -325,7 +325,7 @@ class OrbitController:
         self.flight = FixedWing6DofController(model, self.gains)
 
     def __call__(self, team: "MeasuredAircraft") -> Tensor:
-        """Actions [env, aircraft, action] in [-1, 1]; none where the state is not finite."""
+        """Actions [env, aircraft, action] in [-1, 1]; 0 where they would be NaN, as for a state that is not finite."""
         return self.act(team, self.wanted(team))
 
     def act(self, team: "MeasuredAircraft", wanted: FlightCommand) -> Tensor:

@@ -19,8 +19,8 @@ SEEN_SHARE = 0.9  # success of aircraft: least share of the time after the first
 
 
 class EscortJudge(ErrorJudge["Escort", EscortScenario]):
-    """Measures of boats the time of arrival and the errors after it; of aircraft their view of the vessel and the gaps
-    on the circle; of both the age of their estimate of the vessel, and energy.
+    """Measures boats (time of arrival, errors after it), aircraft (view of the vessel, gaps on the circle), and both
+    teams (age of their estimate of the vessel, energy).
     """
 
     definitions = {
@@ -107,7 +107,7 @@ class EscortJudge(ErrorJudge["Escort", EscortScenario]):
 
     @classmethod
     def episodes(cls, seen: Sequence[Self], config: EscortScenario) -> dict[str, NDArray[np.float64]]:
-        """Also times, errors, shares of time, work and way of each episode."""
+        """Add times, errors, shares of time, work and way to the numbers of each episode."""
         common = super().episodes(seen, config)
         errors = errors_of(seen)
         rms = rms_of(errors, (0,))
@@ -142,7 +142,7 @@ class EscortJudge(ErrorJudge["Escort", EscortScenario]):
 
     @classmethod
     def pooled(cls, episodes: Episodes) -> dict[str, NDArray[np.float64]]:
-        """Figures of sets of episodes."""
+        """Compute the figures of sets of episodes; see `Judge.pooled`."""
         common = super().pooled(episodes)
         time = np.maximum(episodes["decisions"].sum(-1), 1)
         arrival = np.where(episodes["never"] == 1, np.inf, episodes["arrival_counted_s"])
@@ -165,15 +165,17 @@ class EscortJudge(ErrorJudge["Escort", EscortScenario]):
 
     @classmethod
     def badness(cls, episodes: Episodes) -> NDArray[np.float64]:
-        """Criteria: collided, failed, time of arrival, errors."""
+        """Criteria of the worst episode: collided, failed, time of arrival, the larger of both errors."""
         error = np.nan_to_num(np.fmax(episodes["leader_error_rms_m"], episodes["follower_error_rms_m"]), nan=0.0)
         late = np.nan_to_num(episodes["arrival_counted_s"], nan=0.0)
         return np.stack(((episodes["collided"] > 0).astype(np.float64), episodes["failed"], late, error))
 
     @classmethod
     def loss(cls, episodes: Episodes, config: EscortScenario) -> NDArray[np.float64]:
-        """Collided, failed; of boats the time to arrive as a share of the episode and errors as shares of
-        evaluation.success_error; of aircraft the share of time in which no camera has the vessel.
+        """Loss of each episode, a weighted sum of a collision, a failure, and terms of the team.
+
+        Boats: the time to arrive as a share of the episode, and errors as shares of evaluation.success_error. Aircraft:
+        the share of time in which no camera sees the vessel.
         """
         shares = cls.error_loss(episodes, config.evaluation.success_error)
         late = np.nan_to_num(episodes["arrival_counted_s"], nan=0.0) / config.episode_duration

@@ -77,8 +77,10 @@ def _estimate(out: EstimatesPack, by: SearchPack, which: whole1, serial: ti.temp
 
 
 class SpiralSearch(NamedTuple):
-    """Search of a team: pitch of the spiral (m), speed along it (m/s), and the distance (m) from the vessel's predicted
-    place within which it begins.
+    """Spiral search of a team for the vessel.
+
+    The search begins within `begins` (m) of the vessel's predicted place. The spiral has a `pitch` (m); vehicles follow
+    it at a `speed` (m/s).
     """
 
     pitch: float
@@ -101,7 +103,7 @@ class ObserverGroup(NamedTuple):
 
     @property
     def rows(self) -> slice:
-        """Their place among all observers."""
+        """Indices of the group among all observers."""
         return slice(self.first, self.first + self.count)
 
 
@@ -173,8 +175,10 @@ class SharedTracking:
         self.targets[envs, :, NORTH : EAST + 1] = cue.unsqueeze(1).to(here)
 
     def update(self, which: Tensor, rows: int) -> None:
-        """Exchange messages, update charts and estimates, after all have looked, in environments [env] int32: 0 not at
-        all, 1 after a step, 2 at the beginning of an episode; `rows` of them are not 0.
+        """Exchange messages, and update charts and estimates; call after all observers have looked.
+
+        `which` [env] int32: 0 not at all, 1 after a step, 2 at the beginning of an episode; `rows` of its entries are
+        not 0.
         """
         mission = self._mission
         groups = self.groups.values()
@@ -192,7 +196,7 @@ class SharedTracking:
         self._launch(self._estimates(), self._search(), which, serial)
 
     def of(self, name: str, values: Tensor) -> Tensor:
-        """The part of a team of `values` [env, observer, ...], a view."""
+        """The rows of team `name` in `values` [env, observer, ...], as a view."""
         return values[:, self.groups[name].rows]
 
     def sees(self, name: str) -> Tensor:

@@ -36,7 +36,9 @@ SMOOTH = 5.0  # s, time constant of the averaged velocity, whose direction is th
 
 
 class Wanderer(Script):
-    """See the module. It steers by the ground truth, and is its own `Knowledge` (rl/guidance/knowledge.py).
+    """Script of the vessel (see the module), which steers by the true state.
+
+    The class implements `Knowledge` (rl/guidance/knowledge.py).
 
     Attributes:
         velocity: [env, 2] over ground, NED, m/s, averaged over `SMOOTH`; it defines the vessel's course.

@@ -199,7 +199,7 @@ def aloft(team: "EscortAircraft", over: Tensor, generator: torch.Generator) -> T
 
 
 def _level(team: "EscortBoats | EscortAircraft", heading: Tensor) -> Tensor:
-    """At the origin, level, at rest, with `heading` [env, vehicle] (rad)."""
+    """States [env, vehicle, 13] at the origin, level and at rest, with `heading` [env, vehicle] (rad)."""
     state = team.fleet.state.new_zeros((*heading.shape, STATE_SIZE))
     state[..., QUATERNION] = torch_quaternion_from_euler(0 * heading, 0 * heading, heading)
     return state

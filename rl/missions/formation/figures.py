@@ -37,7 +37,7 @@ SEA_POINTS = 70  # per side of the drawn wave surface
 
 
 def write_figures(out: Path, histories: Histories, episode: Episode | None, settle: float = 0.0) -> list[Path]:
-    """Every figure there is something to draw for, into `out`; an old one stays until the new is whole.
+    """Write every figure that there are data for into `out`; an old one stays until the new one is complete.
 
     `settle` (s) at the start of an episode counts for no error.
     """

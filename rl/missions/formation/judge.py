@@ -49,7 +49,10 @@ class FormationJudge(ErrorJudge["Formation", FormationScenario]):
         return (slot_clearance(self.mission, self.mission.teams[self.name]) < 0).cpu().numpy()
 
     def see(self, step: Step, number: int) -> None:
-        """Errors and gaps count until a vehicle of the team has ended, and in the step in which it did."""
+        """Take decision `number` (from 1) into account.
+
+        Errors and gaps count up to the step in which a vehicle of the team ends.
+        """
         alive, config, team = ~self.failed, self.mission.config, self.mission.teams[self.name]
         if number * config.decision_interval > config.evaluation.settle:
             self.errors[number - 1, alive] = team.distance.cpu().numpy()[alive]
@@ -67,7 +70,7 @@ class FormationJudge(ErrorJudge["Formation", FormationScenario]):
 
     @classmethod
     def episodes(cls, seen: Sequence[Self], config: FormationScenario) -> dict[str, NDArray[np.float64]]:
-        """Also rms errors (m), for how long they were measured (vehicle-seconds), and the least gap (m)."""
+        """Add success, the least gap (m), evasions and vehicle-hours to the numbers of each episode."""
         errors = errors_of(seen)
         measured = np.isfinite(errors)
         rms = rms_of(errors, (0,))
@@ -84,7 +87,7 @@ class FormationJudge(ErrorJudge["Formation", FormationScenario]):
 
     @classmethod
     def pooled(cls, episodes: Episodes) -> dict[str, NDArray[np.float64]]:
-        """Errors over several episodes: root mean squares, weighted by time."""
+        """Compute the figures of sets of episodes; errors are root mean squares, weighted by time."""
         common = super().pooled(episodes)
         errors = {f"{who}_error_rms_m": over_time(episodes, who) for who in ("leader", "follower")}
         return {
@@ -96,14 +99,14 @@ class FormationJudge(ErrorJudge["Formation", FormationScenario]):
 
     @classmethod
     def badness(cls, episodes: Episodes) -> NDArray[np.float64]:
-        """Collided, failed, the larger of both errors; an error that could not be measured is infinite."""
+        """Criteria of the worst episode: collided, failed, the larger of both errors (infinite if not measured)."""
         error = np.fmax(episodes["leader_error_rms_m"], episodes["follower_error_rms_m"])
         error = np.where(np.isnan(error), np.inf, error)
         return np.stack(((episodes["collided"] > 0).astype(np.float64), episodes["failed"], error))
 
     @classmethod
     def loss(cls, episodes: Episodes, config: FormationScenario) -> NDArray[np.float64]:
-        """Collided, failed, and both errors as shares of evaluation.success_error, each limited to 4."""
+        """Loss of each episode: collided, failed, both errors as shares (4 at most) of evaluation.success_error."""
         shares = cls.error_loss(episodes, config.evaluation.success_error)
         return COLLISION_LOSS * (episodes["collided"] > 0) + 2 * (1 - episodes["succeeded"]) + 2 * shares
 

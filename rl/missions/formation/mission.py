@@ -42,7 +42,9 @@ CALM = {"hs": 0.0, "tp": 4.0, "components": 1, "realisations": 1}  # sea of the 
 
 
 class TeamTask(ResidualTeam):
-    """One team, measured after each step; every tensor is [env, vehicle, ...]. It is its own ground truth.
+    """One team, measured after each step; every tensor is [env, vehicle, ...].
+
+    The class implements `Knowledge` (rl/guidance/knowledge.py) with the true values.
 
     Attributes:
         target: what its leader tracks. now: errors as of the last step or reset (geometry.py).
@@ -82,7 +84,7 @@ class TeamTask(ResidualTeam):
 
     @property
     def layout(self) -> Mapping[str, int]:
-        """Terms of its observations and their widths (observations.py)."""
+        """Terms of the team's observations and their widths (observations.py)."""
         return self.observations.widths
 
     def observe(self) -> Tensor:
@@ -274,7 +276,7 @@ class Formation(Mission[FormationScenario, TeamTask]):
         return config.model_copy(update={"track": config.track.model_copy(update={"worlds": episodes})})
 
     def begin_each(self) -> None:
-        """Environment e begins on world e and sea e."""
+        """Begin environment e on world e and sea e."""
         seas = self._all % self.world.sea.num_seas
         self.reset(seas=seas, worlds=self._all, starts=torch.zeros_like(self._all))
 
@@ -293,7 +295,7 @@ class Formation(Mission[FormationScenario, TeamTask]):
         }
 
     def imagined(self, team: TeamTask) -> Mission:
-        """An `ImaginedFormation`."""
+        """Make an `ImaginedFormation` for the model of `team`."""
         config = imagined_scenario(self.config, team.name)
         return ImaginedFormation(config, self.num_envs, seed=self.seed, teams=(team.name,), source=self.source)
 
@@ -380,7 +382,7 @@ class ImaginedFormation(Formation):
         self.bodies = Bodies(self.num_envs, self.obstacles.new_zeros(()).expand(shape))
 
     def believe(self, team: TeamTask) -> None:
-        """Vehicles and obstacles as `team` measures them; target and slots as they are."""
+        """Write vehicles and obstacles as `team` measures them, and target and slots as they are, into the model."""
         mine, known = self.teams[team.name], team.known
         self.steps.copy_(team.mission.steps)
         self.env_world.copy_(team.mission.env_world)

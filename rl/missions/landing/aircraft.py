@@ -1,4 +1,4 @@
-"""The aircraft of the mission: where they are over their decks, what they know of that, when they have landed."""
+"""The aircraft of the mission: their position over their decks, their knowledge of it, and their landings."""
 
 import math
 from typing import Any
@@ -30,7 +30,7 @@ FAILED = ("hard", "toppled", "slid", "collided")  # ends of the mission, besides
 
 
 class Aircraft(Team):
-    """Measures the aircraft after each step; everything is [env, aircraft, ...].
+    """The team of aircraft, measured after each step; every tensor is [env, aircraft, ...].
 
     Aircraft i lands on boat i, modulo their number. Where there are more aircraft than boats, those of a deck take
     turns: each waits at a holding point of its own until the one before it is over, and has left the deck. One that has
@@ -112,7 +112,10 @@ class Aircraft(Team):
 
     @property
     def comes(self) -> Tensor:
-        """Bool [env, aircraft]: it is its turn to land."""
+        """Whether each aircraft comes in to land, bool [env, aircraft].
+
+        It always does to a deck of its own, and in its turn to a deck that aircraft share.
+        """
         if self.alone:
             return ~self.fleet.never
         return (self.turns[:, self.boat_of] == self.rank) & ~self.over
@@ -126,11 +129,11 @@ class Aircraft(Team):
 
     @property
     def _in_use(self) -> Any:
-        """The pilot, whose memory is state: it flies, or is corrected."""
+        """The pilot; its memory is part of the state, because it flies or is corrected."""
         return self.controller
 
     def restored(self) -> None:
-        """Another state: what was wanted in the last one is not wanted in this."""
+        """Drop the pilot's velocity after a snapshot was restored."""
         self._wanted = None
 
     @property
@@ -142,31 +145,33 @@ class Aircraft(Team):
 
     @property
     def action_names(self) -> tuple[str, ...]:
-        """What its policy commands: corrections of the velocity that the pilot wants, or the vehicle's own actions."""
+        """Names of the policy's outputs: corrections of the pilot's velocity, or the vehicle's own actions."""
         if self.section.correction is None:
             return super().action_names
         return self.plan_names
 
     @property
     def in_effect(self) -> Tensor:
-        """Bool [env, aircraft]: it is the aircraft's turn, and it has not cut its thrust yet."""
+        """Where the policy's actions have an effect, bool [env, aircraft]: the aircraft comes in with its thrust on."""
         return self.comes & ~self.lets_go
 
     @property
     def plannable(self) -> Tensor:
-        """As `in_effect`."""
+        """Where a plan could change what the aircraft does: as `in_effect`, bool [env, aircraft]."""
         return self.in_effect
 
     @property
     def touches(self) -> Tensor:
-        """Bool [env, aircraft]: some sole is on a deck, which it feels."""
+        """Whether each aircraft feels a sole on a deck, bool [env, aircraft]."""
         assert self.fleet.touch is not None
         return self.fleet.touch.on
 
     @property
     def lets_go(self) -> Tensor:
-        """Bool [env, aircraft]: it cuts its thrust. One sole is on a deck and, by its own estimate, all are over it and
-        it stands upright.
+        """Whether each aircraft cuts its thrust, bool [env, aircraft].
+
+        It does so in its turn to land when a sole is on the deck and, by its own estimate, all soles are over the deck
+        and the aircraft is upright.
         """
         known, half = self.known_deck, self.mission.boats.fleet.model.deck.half
         to = into_level(known.to, known.heading)[..., :2].unsqueeze(-2)
@@ -179,25 +184,25 @@ class Aircraft(Team):
 
     @property
     def _turned(self) -> tuple[Tensor, Tensor]:
-        """Cosine and sine [env, aircraft] of its heading over that of its deck."""
+        """Cosine and sine [env, aircraft] of the aircraft's heading relative to that of its deck."""
         (c, s), (a, b) = self.known_deck.heading, self.own.heading
         return a * c + b * s, b * c - a * s
 
     @property
     def _off_square(self) -> Tensor:
-        """Angle [env, aircraft] (rad) by which it is to turn, to be square to its deck's edges."""
+        """Angle [env, aircraft] (rad) by which the aircraft must turn to be square to the edges of its deck."""
         c, s = self._turned
         c, s = c * c - s * s, 2 * s * c  # of twice the angle
         return -0.25 * torch.atan2(2 * s * c, c * c - s * s)
 
     @property
     def standing(self) -> Tensor:
-        """Bool [env, aircraft]: all soles are on a deck, which they feel."""
+        """Whether each aircraft feels all soles on a deck, bool [env, aircraft]."""
         assert self.fleet.touch is not None
         return self.fleet.touch.all_down
 
     def command(self, action: Tensor) -> Tensor:
-        """The vehicles' actions for a policy's."""
+        """Vehicle actions [env, aircraft, a] for the policy's actions or corrections."""
         c = self.section.correction
         if c is None:
             return action
@@ -260,14 +265,14 @@ class Aircraft(Team):
         return torch.cat((level, down.clamp(-demands.climb, demands.descent).unsqueeze(-1)), dim=-1)
 
     def begin(self, envs: Tensor, bearing: Tensor) -> None:
-        """Episodes begin in environments `envs` [n], aircraft at `bearing` [n, aircraft, 2] from their decks."""
+        """Begin episodes in environments `envs` [n], with aircraft at `bearing` [n, aircraft, 2] from their decks."""
         self.pilot.begin(envs)
         self.bearing[envs] = bearing.to(self.bearing)
 
     # -- measuring -------------------------------------------------------------------------------------------------
 
     def measure(self, which: Tensor, count: int) -> None:
-        """Update the truth and the instruments' readings in environments `which` [env] int32, `count` of them."""
+        """Update truth and instrument readings in the `count` environments where `which` [env] int32 is not 0."""
         self._wanted = None
         mission, deck = self.mission, self.deck
         self.own.read(which, count, mission.noise.table)
@@ -312,7 +317,7 @@ class Aircraft(Team):
         self.time = torch.where(fresh, 0.0, self.time + dt * (on & ~self.touched))
 
     def conclude(self, which: Tensor, count: int, heard: Tensor) -> None:
-        """Look at the marker, and know what follows from that and from what is `heard` [env, aircraft, n]."""
+        """Look at the markers, and update the known decks by that and by the messages `heard` [env, aircraft, n]."""
         mission, deck = self.mission, self.deck
         look = self.marker.look(
             self.fleet, deck.place - self.fleet.position_n, deck.down, mission.hs, which, count, mission.noise.table
@@ -400,7 +405,7 @@ class Aircraft(Team):
 
     @property
     def privileged(self) -> Tensor | None:
-        """The truth [env, aircraft, n]: of the deck, of the sea and the wind, and what varies."""
+        """Ground truth [env, aircraft, n]: deck, wind, wave height, tilt to the deck, time on it, and what varies."""
         mission, deck, fleet = self.mission, self.deck, self.fleet
         to = into_level(deck.place - fleet.position_n, deck.heading)
         relative = into_level(deck.velocity - fleet.velocity_n, deck.heading)

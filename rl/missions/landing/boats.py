@@ -1,9 +1,10 @@
-"""The boats of the mission: courses that they are ordered to hold, how their decks move, what they tell by radio.
+"""The boats of the mission: the courses they are ordered to hold, their decks' motion, and their radio messages.
 
-A boat sails its course by the classical controller of its model, without evasion. A policy of the boats may leave the
-ordered course and speed within the limits of `[course]`, for a deck that is steadier; it is told what the boat measures
-of itself. Without a policy, or where the team does not take part, boats hold the course as ordered. A vessel that the
-classical controllers do not sail, such as an FPSO, coasts on as it begins, and has no policy.
+The classical controller of a boat's model sails its course, without collision avoidance. A policy for the boats may
+deviate from the ordered course and speed within the limits of `[course]` to steady the deck; it observes what the boat
+measures of itself. Without a policy, or where the team does not take part, boats hold the ordered course. A vessel
+without a classical controller, such as an FPSO, coasts with zero actions from its initial motion; it cannot have a
+policy.
 """
 
 import math
@@ -34,7 +35,7 @@ COURSE, SPEED = 0, 1  # columns of what boats are ordered, sail for, and choose
 
 
 class Boats(Team):
-    """Measures boats and decks after each step; everything is [env, boat, ...].
+    """The team of boats, measured with their decks after each step; every tensor is [env, boat, ...].
 
     Attributes:
         own: what the boats measure of themselves. deck: the truth. seen: the deck as measured; acceleration of it.
@@ -76,7 +77,7 @@ class Boats(Team):
         self.seen: DeckMotion = deck_motion(self.own, self.centre)
 
     def _helm(self, manned: bool) -> Any:
-        """The classical controller; None for a vessel that has none, if boats take no part."""
+        """Return the vessel's classical controller; None without one, if boats take no part (else ControllerError)."""
         try:
             helm = controller_of(self.fleet.model, self.section.control, f"{self.name}.control")
         except ControllerError:
@@ -96,11 +97,11 @@ class Boats(Team):
 
     @property
     def action_names(self) -> tuple[str, ...]:
-        """What its policy commands."""
+        """Names of the policy's outputs."""
         return ("course", "speed")
 
     def command(self, action: Tensor) -> Tensor:
-        """The vessels' actions for a policy's [env, boat, 2]: how far to leave the ordered course and speed."""
+        """Vessel actions [env, boat, a] for a policy's deviations [env, boat, 2] from the ordered course and speed."""
         way, chosen = self.mission.config.course, action.clamp(-1.0, 1.0) + 0.0 * action
         self.chosen = chosen
         course = self.ordered[..., COURSE] + math.radians(way.turn_deg) * chosen[..., COURSE]
@@ -116,12 +117,12 @@ class Boats(Team):
         return self.command(torch.zeros_like(self.chosen))
 
     def begin(self, envs: Tensor, course: Tensor, speed: Tensor) -> None:
-        """Episodes begin in environments `envs` [n] with orders [n, boat] (rad, m/s)."""
+        """Begin episodes in environments `envs` [n] with the ordered `course` and `speed` [n, boat] (rad, m/s)."""
         self.ordered[envs] = torch.stack((course, speed.clamp(min=SLOWEST)), dim=-1).to(self.ordered)
         self.aim[envs], self.steered[envs] = self.ordered[envs], course.to(self.steered)
 
     def restored(self) -> None:
-        """Another state: the deck is elsewhere."""
+        """Compute the motion of the decks again after a snapshot was restored."""
         self._look()
 
     def _look(self) -> None:
@@ -129,13 +130,13 @@ class Boats(Team):
 
     @property
     def swing(self) -> Tensor:
-        """Level speed [env, boat] of the deck over that of its mean, m/s."""
+        """Horizontal speed [env, boat] (m/s) of the deck relative to its mean velocity."""
         return (self.deck.velocity - self.mean)[..., :2].norm(dim=-1)
 
     # -- measuring -------------------------------------------------------------------------------------------------
 
     def measure(self, which: Tensor, count: int) -> None:
-        """Update what the boats measure in environments `which` [env] int32, `count` of them."""
+        """Update the truth and the measurements in the `count` environments where `which` [env] int32 is not 0."""
         mission, dt = self.mission, self.interval
         fresh, on = (which == 2).view(-1, 1, 1), (which == 1).view(-1, 1, 1)
         self.own.read(which, count, mission.noise.table)
@@ -157,7 +158,7 @@ class Boats(Team):
         self.steered = torch.where(on.squeeze(-1), self.steered + turn, self.steered)
 
     def message(self) -> Tensor:
-        """[env, boat, MESSAGE] what a boat tells of its deck and itself."""
+        """What each boat sends about its deck and itself, [env, boat, MESSAGE]."""
         seen, attitude = self.seen, torch_euler_from_rotation(self.seen.R)
         return torch.cat((seen.place, seen.velocity, self.acceleration, attitude, self.own.angular_velocity_b), dim=-1)
 
@@ -183,7 +184,7 @@ class Boats(Team):
 
     @property
     def privileged(self) -> Tensor | None:
-        """The truth [env, boat, n]: the sea's height, where waves come from and go to, what varies."""
+        """Ground truth [env, boat, n]: the significant wave height, and the numbers and conditions that vary."""
         mission = self.mission
         told = [mission.hs.view(-1, 1, 1).expand(*self.steered.shape, 1) / 4.0]
         if mission.config.varies:
@@ -192,7 +193,7 @@ class Boats(Team):
 
 
 class Hold:
-    """The classical controller of the boats: they hold what they are ordered."""
+    """The classical controller of the boats: it holds the ordered course and speed."""
 
     STATE = ()
 
@@ -205,7 +206,7 @@ class Helm(Script):
     """Steers the boats of a mission in which they take no part."""
 
     def __init__(self, boats: Boats):
-        """Of these."""
+        """Steer `boats`."""
         self.name, self._boats = boats.name, boats
 
     def __call__(self, world: Any) -> Tensor:

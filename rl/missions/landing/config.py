@@ -1,4 +1,4 @@
-"""What a scenario of the landing mission may say beside its world, stages and evaluation."""
+"""Configuration of the landing mission, besides world, stages and evaluation."""
 
 import math
 from typing import Annotated, Literal
@@ -16,7 +16,7 @@ Angle = Annotated[float, Field(gt=0, lt=90)]
 
 
 class LandingConfig(Strict):
-    """`[landing]`: who is who, how an episode begins, and when an aircraft has landed."""
+    """`[landing]`: the teams' parts, how an episode begins, and when an aircraft has landed."""
 
     boats: Annotated[str, Field(min_length=1)] = "usv"  # the team with decks
     aircraft: Annotated[str, Field(min_length=1)] = "uav"  # with legs; number i lands on boat i, modulo their number
@@ -109,7 +109,7 @@ class CorrectionConfig(Strict):
 
 
 class LandingTeam(TeamConfig):
-    """One team: its vehicle and size (TeamConfig), and what its part needs."""
+    """One team: its vehicle and size (TeamConfig), and the parameters of its part."""
 
     sensors: SensorsConfig = SensorsConfig()
     marker: MarkerConfig = MarkerConfig()  # of aircraft

@@ -64,7 +64,7 @@ class DeckMotion(NamedTuple):
 
     @property
     def down(self) -> Tensor:
-        """[env, boat, 3] its normal, into the deck, NED."""
+        """Normal of each deck, into it, [env, boat, 3] (NED)."""
         return self.R[..., BELOW]
 
     def of(self, boats: Tensor) -> "DeckMotion":
@@ -83,14 +83,14 @@ def deck_motion(boats: Views, centre: Tensor) -> DeckMotion:
 
 
 def into_level(vector: Tensor, heading: tuple[Tensor, Tensor]) -> Tensor:
-    """A vector [.., 3] (NED) in the level frame that is turned by a heading: ahead, to starboard, down."""
+    """Rotate vectors [.., 3] from NED into the level frame (ahead, starboard, down) of a `heading` (cosine, sine)."""
     c, s = heading
     x, y, z = vector.unbind(-1)
     return torch.stack((c * x + s * y, c * y - s * x, z), dim=-1)
 
 
 def out_of_level(vector: Tensor, heading: tuple[Tensor, Tensor]) -> Tensor:
-    """The opposite of `into_level`."""
+    """Rotate vectors [.., 3] from the level frame of a `heading` into NED; the inverse of `into_level`."""
     c, s = heading
     x, y, z = vector.unbind(-1)
     return torch.stack((c * x - s * y, s * x + c * y, z), dim=-1)
@@ -120,8 +120,10 @@ class Marker:
     """The cameras of one team."""
 
     def __init__(self, config: MarkerConfig, own: Views, tilt_noise: float, vehicles: int):
-        """Of aircraft that measure themselves to be `own`, roll and pitch with a standard deviation `tilt_noise` (rad);
-        `vehicles` of other teams come before them, among the random numbers.
+        """Make the cameras of aircraft whose measured state is `own`.
+
+        `tilt_noise` (rad) is the standard deviation of measured roll and pitch. `vehicles` numbers the first aircraft
+        among the random numbers.
         """
         self.config, self._own, self._vehicles, self._tilt = config, own, vehicles, tilt_noise
         self._drawn = own.state.new_zeros((*own.state.shape[:2], DRAWN))
@@ -153,7 +155,7 @@ class Marker:
 
 
 class KnownDeck:
-    """Everything is [env, aircraft, ...].
+    """Each aircraft's knowledge of its deck, a Kalman filter (see the module); every tensor is [env, aircraft, ...].
 
     Attributes:
         to: [.., 3] from the aircraft to the deck's middle, m. velocity, acceleration: [.., 3] of the deck.
@@ -167,7 +169,7 @@ class KnownDeck:
     )  # fmt: skip
 
     def __init__(self, like: Tensor, interval: float):
-        """`like` is a tensor [env, aircraft, n]; decisions are every `interval` s."""
+        """Make filters for the aircraft of `like` [env, aircraft, n], updated every `interval` s."""
         self.interval = interval
         self.to, self.velocity, self.acceleration, self.attitude, self.rates = (like[..., :3] * 0.0 for _ in range(5))
         self.seen, self.heard = (like.new_zeros(like.shape[:2]) for _ in range(2))
@@ -249,7 +251,7 @@ class KnownDeck:
 
     @property
     def down(self) -> Tensor:
-        """[.., 3] the deck's normal, into it, NED."""
+        """Normal of the known deck, into it, [env, aircraft, 3] (NED)."""
         (c, s), (roll, pitch, _) = self.heading, self.attitude.unbind(-1)
         x, y = roll.cos() * pitch.sin(), -roll.sin()
         return torch.stack((c * x - s * y, s * x + c * y, roll.cos() * pitch.cos()), dim=-1)
@@ -261,8 +263,10 @@ class KnownDeck:
 
 
 def _corrected(x: Tensor, P: Tensor, row: Tensor, z: Tensor, variance: Tensor, where: Tensor) -> tuple[Tensor, Tensor]:
-    """States x [.., 3, 3] (d, v - u and a of each direction) and covariance P [.., 3, 3] after the measurement
-    z [.., 3] = row . x with a `variance`, `where` (bool) there is one.
+    """Correct states and covariance by a measurement z [.., 3] = row . x of a given `variance`.
+
+    x [.., 3, 3] holds d, v - u and a of each direction; P [.., 3, 3] is their covariance. Nothing changes
+    except `where` (bool) there is a measurement.
     """
     across = (P @ row.unsqueeze(-1)).squeeze(-1)
     gain = across / ((across * row).sum(-1) + variance).unsqueeze(-1)

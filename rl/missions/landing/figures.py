@@ -22,7 +22,7 @@ AROUND = 2.5  # m about the deck's middle, likewise
 
 
 def write_landing_figures(out: Path, histories: Histories, episode: Episode | None, config: Any) -> list[Path]:
-    """Every figure there is something to draw for, into `out`; an old one stays until the new is whole."""
+    """Write every figure that there are data for into `out`; an old one stays until the new one is complete."""
     figures = {} if episode is None else {"landing": landing_figure(episode, config)}
     return save_figures(out, figures | training_figures(histories, episode))
 

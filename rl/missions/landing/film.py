@@ -1,4 +1,4 @@
-"""What a recording shows of landings beside the vehicles: what is known of decks, heights over them, how decks move."""
+"""Overlays of landings in recordings: known decks, heights above decks, and motion of decks."""
 
 from typing import TYPE_CHECKING
 
@@ -43,6 +43,6 @@ def overlays_of(mission: "Landing", env: int) -> tuple[Overlay, ...]:
 
 
 def _sights(place: NDArray[np.float64], deck: NDArray[np.float64], sees: NDArray[np.bool_]) -> Lines:
-    """From each camera to the marker that it has found in this look."""
+    """Sight lines from each camera to its marker, where it has found the marker in this look."""
     lines = np.where(sees[..., None, None], np.stack((place, deck), axis=-2), np.nan)
     return Lines(name="sight lines", colour=SIGHT, points_n=lines, radius=-0.6, where="world")

@@ -1,4 +1,4 @@
-"""What an honest planner (rl/planning/planner.py) tries plans of the aircraft in: a world built from what they know.
+"""The model in which an honest planner (rl/planning/planner.py) tries plans of the aircraft: what they know.
 
 The model has nominal aircraft at the states that they measure, a steady wind, exact instruments, and decks that move as
 foreseen, whatever stands on them. A deck is where the aircraft knows it to be (deck.py). How it goes on moving is
@@ -72,7 +72,7 @@ class Foreseen(Vehicle):
     """A vessel that moves as `ImaginedLanding.way` (mission.py) says; no load moves it."""
 
     def __init__(self, like: Vehicle, mission: Any):
-        """With a deck inside that of `like`, and its actions, which have no effect."""
+        """Replace the model `like`: keep its actions, without effect, and make its deck smaller (`INSIDE`)."""
         super().__init__(like.params, like.dt, like.substeps)
         self.action_names, self._mission = like.action_names, mission
         assert like.deck is not None
@@ -85,19 +85,19 @@ class Foreseen(Vehicle):
         fleet.update()
 
     def mobility(self, fleet: Any) -> Tensor:
-        """Nothing moves it."""
+        """Mobility 0: no load moves the vessel."""
         return torch.zeros((1, 1, 6, 6), dtype=torch.float64, device=fleet.state.device)
 
 
 class Adrift(Script):
-    """Asks nothing of the boats, which move by themselves."""
+    """Script that commands nothing; the boats move as foreseen."""
 
     def __init__(self, boats: Boats):
-        """Of these."""
+        """Command `boats`."""
         self.name, self._boats = boats.name, boats
 
     def __call__(self, world: Any) -> Tensor:
-        """Actions without effect."""
+        """Actions of 0, which have no effect."""
         return torch.zeros_like(self._boats.fleet.action)
 
 
@@ -114,7 +114,7 @@ class ImaginedAircraft(Aircraft):
         known.seen, known.heard = torch.zeros_like(known.seen), torch.zeros_like(known.heard)
 
     def planned(self, correction: Tensor, known: object = None) -> Tensor:
-        """As Aircraft.planned, always within the pilot's limits."""
+        """Actions for the pilot's command plus a `correction`, always within the pilot's limits (Aircraft.planned)."""
         return super().planned(correction, self)
 
 
@@ -128,7 +128,7 @@ class Foresight:
     wind: Tensor
 
     def __init__(self, centre: Tensor, interval: float):
-        """Of decks with their middle at `centre` [3] (m, b)."""
+        """Predict decks whose middle is at `centre` [3] (m, b), for decisions every `interval` s."""
         self._centre, self.interval, self.steps = centre, interval, round(FORESEEN / interval) + 1
         self._memory: Autoregression | None = None
         self._table: tuple[Tensor, float] | None = None
@@ -148,7 +148,7 @@ class Foresight:
         self.wind = self.wind + share * (now - self.wind)
 
     def _wind_of(self, team: Aircraft) -> Tensor:
-        """Velocity of the air [env, aircraft, 3] in which the aircraft would have to lean as they do."""
+        """Estimate the wind [env, aircraft, 3] (NED, m/s) by the airspeed at which an aircraft leans that far."""
         pilot, own = team.pilot, team.own
         lean = torch.where(pilot.height.isnan().unsqueeze(-1), own.R_nb[..., BELOW], pilot.lean)[..., :2]
         size = lean.norm(dim=-1)
@@ -176,8 +176,10 @@ class Foresight:
         return self._table
 
     def ways(self, team: Aircraft, place: Tensor) -> Tensor:
-        """States of the boats in each decision from now on, and the acceleration of their decks (NED, m/s^2) [env,
-        aircraft, steps, 16], as each aircraft foresees them of its own deck, now at `place` [env, aircraft, 3].
+        """Predict the boat of each aircraft at every decision from now on, [env, aircraft, steps, 16].
+
+        The columns are the boat's state and the acceleration of its deck (NED, m/s^2). The middle of the deck is now at
+        `place` [env, aircraft, 3] (NED, m).
         """
         known, dt, K = team.known_deck, self.interval, self.steps
         x, slope = _moves(team), torch.cat((known.acceleration, known.rates[..., :2]), dim=-1)
@@ -205,9 +207,7 @@ class Foresight:
         return torch.cat((at, q, v_b, rates, faster), dim=-1)
 
     def _told(self, x: Tensor, steps: Tensor) -> tuple[Tensor, Tensor]:
-        """Predictions [env, aircraft, 5, k] of the autoregressive models, zero where a model is not ready; which are
-        ready.
-        """
+        """Return predictions [env, aircraft, 5, k] of the models, 0 where a model is not ready, and which are ready."""
         K = self.steps
         assert self._memory is not None
         count = (K + SAMPLED) // SAMPLED + 2
@@ -225,6 +225,6 @@ class Foresight:
 
 
 def _moves(team: Aircraft) -> Tensor:
-    """[env, aircraft, 5]: velocity of each deck over its mean (NED, m/s), its roll and pitch (rad), as known."""
+    """Known motion of each deck [env, aircraft, 5]: velocity relative to its mean (NED, m/s), roll and pitch (rad)."""
     known = team.known_deck
     return torch.cat((known.velocity - known.mean, known.attitude[..., :2]), dim=-1)

@@ -1,4 +1,4 @@
-"""What an evaluation measures of landings: how they ended, how long they took, how the aircraft touched down."""
+"""Measurements of landings: how they ended, how long they took, how the aircraft touched down."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -58,7 +58,7 @@ class LandingJudge(Judge):
         self.speeds, self.tilts, self.steps = (np.zeros(shape[0]) for _ in range(3))
 
     def see(self, step: Any, number: int) -> None:
-        """Take decision `number` (from 1) into account, of each aircraft until it has ended."""
+        """Take decision `number` (from 1) into account; an aircraft counts until its episode ends."""
         mission = self.mission
         team, dt = mission.teams[self.name], mission.config.decision_interval
         if self.flies:
@@ -85,7 +85,7 @@ class LandingJudge(Judge):
         super().see(step, number)
 
     def series(self) -> dict[str, Tensor]:
-        """Of aircraft, heights and distances; of boats, how the deck moves."""
+        """Heights and distances of aircraft, or the motion of boats' decks."""
         team = self.mission.teams[self.name]
         if not self.flies:
             return {
@@ -97,7 +97,7 @@ class LandingJudge(Judge):
 
     @classmethod
     def episodes(cls, seen: Sequence[Any], config: Any) -> dict[str, NDArray[np.float64]]:
-        """Also outcomes and touchdowns; of several aircraft, means of an episode."""
+        """Add outcomes and touchdowns (means over aircraft), or the motion of decks, to the numbers of each episode."""
         common = super().episodes(seen, config)
         get = {
             key: np.concatenate([getattr(j, key) for j in seen])
@@ -123,7 +123,7 @@ class LandingJudge(Judge):
 
     @classmethod
     def pooled(cls, episodes: Episodes) -> dict[str, NDArray[np.float64]]:
-        """Figures of sets of episodes."""
+        """Compute the figures of sets of episodes; see `Judge.pooled`."""
         common = super().pooled(episodes)
         figures = {name: episodes[name].mean(-1) for name in OUTCOMES[1:]}
         for name, key in (("time_to_land", "time_s"), ("touch_error", "error_m"), ("touch_speed", "speed_m_s")):
@@ -144,7 +144,7 @@ class LandingJudge(Judge):
 
     @classmethod
     def badness(cls, episodes: Episodes) -> NDArray[np.float64]:
-        """Not landed, how hard, how far off, how late."""
+        """Criteria of the worst episode: not landed, touchdown speed, touchdown error, time to land."""
         bad = (1 - episodes["succeeded"], episodes["speed_m_s"], episodes["error_m"], episodes["time_s"])
         return np.stack([np.nan_to_num(of, nan=0.0) for of in bad])
 
@@ -175,7 +175,7 @@ class LandingJudge(Judge):
 
 
 def _mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mean of each episode over aircraft whose number is finite; NaN if there is none."""
+    """Mean of each episode over the aircraft with a finite number; NaN without any."""
     count = np.isfinite(values).sum(axis=1)
     return np.where(count > 0, np.nansum(values, axis=1) / np.maximum(count, 1), np.nan)
 

@@ -41,8 +41,9 @@ ABOVE = 1e-3  # m, of the lowest sole above a deck in which it would be otherwis
 
 
 def afloat(team: Any, config: LandingScenario, n: int, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
-    """Boats of `n` environments, abreast, on one course at speeds of their own: states [n, boat, 13], courses (rad),
-    speeds (m/s).
+    """Draw states [n, boat, 13], courses (rad) and speeds (m/s) of the boats of `n` environments.
+
+    The boats of an environment are abreast, on one course, each at a speed of its own.
     """
     like, count = team.fleet.state, team.fleet.count
     draw = torch.rand((n, count + 1), generator=generator).to(like)
@@ -58,9 +59,10 @@ def afloat(team: Any, config: LandingScenario, n: int, generator: torch.Generato
 
 
 def aloft(team: Any, over: Tensor, config: LandingConfig, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-    """Aircraft in hover around places `over` [n, aircraft, 2] (m), headed any way: states [n, aircraft, 13], and unit
-    vectors [n, aircraft, 2] from those places to them. Aircraft of one deck are evenly spaced around it, within a
-    quarter of that.
+    """Draw aircraft in hover around places `over` [n, aircraft, 2] (m), with any heading.
+
+    Returns their states [n, aircraft, 13], and unit vectors [n, aircraft, 2] from those places to them. Aircraft of one
+    deck are evenly spaced around it, to within a quarter of their spacing.
 
     Raises:
         ConfigError: where two aircraft would begin in one place.
@@ -112,21 +114,22 @@ class Landing(Mission):
 
     @staticmethod
     def Team(mission: Any, name: str) -> Any:  # noqa: N802
-        """A team by its part."""
+        """Make team `name`: `Boats` or `Aircraft`, by its part."""
         return (Boats if name == mission.config.landing.boats else Aircraft)(mission, name)
 
     def __init__(
         self, config: Any, num_envs: int, *, seed: int, teams: Sequence[str] | None = None, source: Path | None = None
     ):
-        """As Mission; boats are there even if they are not among the `teams` that take part."""
+        """Build the mission (see `Mission`), with boats even if they are not among the `teams` that take part."""
         name = config.landing.boats
         self.manned = teams is None or name in teams
         there = None if teams is None else [team for team in config.teams if team in (*teams, name)]
         super().__init__(config, num_envs, seed=seed, teams=there, source=source)
 
     def _alike(self, num_envs: int) -> "Mission":
-        """Another mission of the same scenario, seed and teams; the models of its vehicles are the same, so that their
-        kernels are compiled once.
+        """Make another mission of the same scenario, seed and teams.
+
+        Both share the vehicle models, so that kernels are compiled once.
         """
         other = type(self)(self.config, num_envs, seed=self.seed, teams=tuple(self.teams), source=self.source)
         for name in self._models_shared:
@@ -167,11 +170,11 @@ class Landing(Mission):
     # -- one step --------------------------------------------------------------------------------------------------
 
     def measure(self) -> None:
-        """What everybody sees, says and hears; where aircraft are over their decks."""
+        """Measure boats and aircraft, exchange messages, and update what the aircraft know."""
         self._look(self.num_envs)
 
     def measure_again(self, envs: Tensor) -> None:
-        """Look where `begin` has placed everybody."""
+        """Measure after `begin` has placed boats and aircraft."""
         self._look(len(envs))
 
     def _look(self, rows: int) -> None:
@@ -201,12 +204,12 @@ class Landing(Mission):
         return paid(rewards.AIRCRAFT_TERMS, team.section.aircraft_reward, team, ended)
 
     def plan_cost(self, team: Any, ended: Tensor) -> Tensor:
-        """Minus the reward, which tells landings from other ends."""
+        """Minus the reward, in which a landing differs from other endings."""
         ends = {} if isinstance(team, Boats) else self.endings(team)
         return -self.reward(team, Endings({name: flag & ended for name, flag in ends.items()} | {COLLIDED: ended}))
 
     def endings(self, team: Any) -> dict[str, Tensor]:
-        """Of aircraft: landed, or how they have failed to."""
+        """Endings of aircraft: landed, or the way in which they failed to."""
         if isinstance(team, Boats):
             return {}
         ends = team.ends()
@@ -214,7 +217,7 @@ class Landing(Mission):
         return ends | {"late": late}
 
     def _ended(self, team: Any) -> Endings:
-        """An aircraft that has landed and left its deck to the next one has no other end."""
+        """Drop all other endings of an aircraft that has landed on a shared deck."""
         ended = super()._ended(team)
         if isinstance(team, Boats) or team.alone:
             return ended
@@ -223,7 +226,7 @@ class Landing(Mission):
     # -- episodes --------------------------------------------------------------------------------------------------
 
     def begin(self, envs: Tensor) -> None:
-        """Place everybody in environments `envs` [n]."""
+        """Place boats and aircraft in environments `envs` [n]."""
         self.hs[envs] = self._hs[self.world.env_sea[envs].long()]
         state, course, speed = afloat(self.boats, self.config, len(envs), self.generator)
         self.boats.begin(envs, course, speed)
@@ -257,17 +260,17 @@ class Landing(Mission):
         }
 
     def info(self, team: Any) -> dict[str, Tensor]:
-        """Of aircraft: height above the deck and distance from its middle, m."""
+        """Height of each aircraft above its deck, and distance from the deck's middle, m."""
         return {} if isinstance(team, Boats) else {"height": team.height, "distance": team.distance}
 
     def controller(self, team: Any) -> Any:
-        """Boats hold their course; aircraft have the pilot of `[TEAM.pilot]`."""
+        """The classical controller: boats hold their course, aircraft have the pilot of `[TEAM.pilot]`."""
         if isinstance(team, Boats):
             return Hold()
         return Pilot(team.section.pilot, team.fleet.state, self.config.decision_interval)
 
     def imagined(self, team: Any) -> "Mission | None":
-        """Of aircraft, an `ImaginedLanding`."""
+        """Make an `ImaginedLanding` for aircraft; None for boats."""
         if isinstance(team, Boats):
             return None
         config = imagined_scenario(self.config, self.world.sea.table.shape[2])
@@ -283,7 +286,7 @@ class Landing(Mission):
         return Frame(flying, overlays_of(self, env))
 
     def scene(self, env: int) -> Scene:
-        """The first boat and what is about it."""
+        """The surroundings of the first boat."""
         return Scene(overview=(self.boats.name, SEEN_FROM_AFAR))
 
     @classmethod
@@ -295,7 +298,7 @@ class Landing(Mission):
 
 
 class ImaginedLanding(Landing):
-    """What an honest planner tries plans of the aircraft in; see imagined.py.
+    """The model in which an honest planner tries plans of the aircraft; see imagined.py.
 
     Attributes:
         way: [env, boat, k, 16] states of the boats k decisions after what is known was written, and the acceleration of
@@ -306,11 +309,11 @@ class ImaginedLanding(Landing):
 
     @staticmethod
     def Team(mission: Any, name: str) -> Any:  # noqa: N802
-        """A team by its part."""
+        """Make team `name`: `Boats` or `ImaginedAircraft`, by its part."""
         return (Boats if name == mission.config.landing.boats else ImaginedAircraft)(mission, name)
 
     def prepare(self) -> None:
-        """Boats that move as foreseen take the place of those that sail."""
+        """Replace the boats that sail by boats that move as foreseen."""
         super().prepare()
         fleet = self.boats.fleet
         self.foresight = Foresight(self.boats.centre, self.config.decision_interval)
@@ -323,7 +326,7 @@ class ImaginedLanding(Landing):
 
     @property
     def _models_shared(self) -> tuple[str, ...]:
-        """Not the boats', each of which is of one mission."""
+        """Teams whose models `_alike` shares: not the boats, because each `Foreseen` belongs to one mission."""
         return tuple(self.teams)
 
     def foreseen(self, ahead: int) -> Tensor:
@@ -346,24 +349,24 @@ class ImaginedLanding(Landing):
         self.aircraft.conclude(self.which, rows)
 
     def begin(self, envs: Tensor) -> None:
-        """Episodes do not begin here; boats are to be somewhere, nevertheless."""
+        """Place boats and aircraft until `believe` moves them; no episode begins in the model."""
         super().begin(envs)
         self.way[envs] = 0.0
         self.way[envs, :, :, :STATE_SIZE] = self.boats.fleet.state[envs].unsqueeze(2)
         self.since[envs] = 0
 
     def endings(self, team: Any) -> dict[str, Tensor]:
-        """Also `submerged`: below the waterline of its boat."""
+        """Add `submerged`: an aircraft's soles are below the waterline of its boat."""
         waterline = self.boats.fleet.position_n[:, team.boat_of, DOWN]
         low = team.fleet.position_n[..., DOWN] + team.soles_below > waterline
         return super().endings(team) | {"submerged": low}
 
     def notice(self, team: Aircraft) -> None:
-        """See what `team` knows of decks and wind; once a decision."""
+        """Learn from what `team` knows of decks and wind; call once a decision."""
         self.foresight.notice(team)
 
     def believe(self, team: Aircraft) -> None:
-        """Aircraft as `team` measures them, decks as it foresees them."""
+        """Write aircraft as `team` measures them, and decks as it foresees them, into the model."""
         mine, own, steps = self.teams[team.name], team.own, team.mission.steps
         assert isinstance(mine, ImaginedAircraft)
         up = own.position_n.new_tensor((0.0, 0.0, -RAISED))

@@ -44,7 +44,7 @@ HIGH = 2.5  # m above the deck, where a policy stays that has not seen the marke
 
 
 class Pilot:
-    """Flies the aircraft of a team; see the module. Everything is [env, aircraft, ...].
+    """Flies the aircraft of a team (see the module); every tensor is [env, aircraft, ...].
 
     Attributes:
         height: mean of the deck's height, down, NED, m. velocity: mean of its velocity. ready: s near its middle.
@@ -57,7 +57,7 @@ class Pilot:
     STATE = ("height", "velocity", "lean", "before", "ready", "down", "waiting", "asked", "model", "ahead")
 
     def __init__(self, config: PilotConfig, like: Tensor, interval: float):
-        """`like` is a tensor [env, aircraft, n]; decisions are every `interval` s."""
+        """Make the pilot for the aircraft of `like` [env, aircraft, n], which decides every `interval` s."""
         self.config, self.interval = config, interval
         self.height, self.ready, self.waiting = (like.new_zeros(like.shape[:2]) for _ in range(3))
         self.velocity, self.lean, self.before = (torch.zeros_like(like[..., :3]) for _ in range(3))
@@ -71,7 +71,7 @@ class Pilot:
             self.ahead = like.new_zeros((*self.height.shape, self._steps))
 
     def begin(self, envs: Tensor) -> None:
-        """Episodes begin in environments `envs` [n]."""
+        """Clear the pilot's memory in environments `envs` [n], in which episodes begin."""
         for memory in (self.ready, self.waiting, self.down):
             memory[envs] = 0
         self.height[envs], self.asked[envs] = float("nan"), -1
@@ -80,11 +80,11 @@ class Pilot:
             self.ahead[envs] = 0.0
 
     def __call__(self, team: Any) -> Tensor:
-        """Actions [env, aircraft, a]."""
+        """Actions [env, aircraft, a] that fly the wanted velocity."""
         return team.flown(team.wanted)
 
     def wanted(self, team: Any) -> Tensor:
-        """Velocity [env, aircraft, 3] that is wanted now; what it remembers moves on once a decision."""
+        """Velocity [env, aircraft, 3] (NED, m/s) that the pilot wants now; its memory advances once a decision."""
         known, c = team.known_deck, self.config
         since = self.interval * (team.mission.steps != self.asked).to(self.height).unsqueeze(-1)
         self.asked = team.mission.steps.clone()
@@ -143,7 +143,7 @@ class Pilot:
         return torch.cat((velocity[..., :2] - over.unsqueeze(-1) * wind, down.unsqueeze(-1)), dim=-1)
 
     def _average(self, known: Any, own: Any, since: Tensor) -> None:
-        """Averages, `since` [env, 1] s after the last ones."""
+        """Update the averages of deck height, deck velocity and lean, `since` [env, 1] s after the last update."""
         height = known.to[..., DOWN] + own.position_n[..., DOWN]
         share = since / (MEAN + since)
         fresh = self.height.isnan()
@@ -157,9 +157,10 @@ class Pilot:
         self.before = own.velocity_n.clone()
 
     def _flared(self, team: Any, level: Tensor, away: Tensor) -> Tensor:
-        """Velocity [.., 2] (m/s): `level`; but in the last decimetres over the deck, one that turns the thrust
-        from where it holds against the wind to the deck's normal: by the velocity loop's gain it asks for the
-        acceleration of that.
+        """Velocity [.., 2] (m/s): `level`, or close above the deck one that turns the thrust to the deck's normal.
+
+        Until then the thrust leans against the wind. The velocity command exceeds the own velocity by as much as makes
+        the velocity loop ask for that change of thrust.
         """
         push = GRAVITY * (self.lean - team.known_deck.down)[..., :2] / team.fleet.model.gains.velocity
         flares = (team.known_height < self.config.flare + self._lift(team)) & (away < 2 * self.config.near)
@@ -167,7 +168,7 @@ class Pilot:
 
     @staticmethod
     def _lift(team: Any) -> Tensor:
-        """Height (m) above the deck that it keeps until it is level with it."""
+        """Height (m) above the deck that the aircraft keeps until it is parallel to the deck."""
         upright = (team.own.R_nb[..., BELOW] * team.known_deck.down).sum(-1)
         return LIFT * (upright.clamp(-1.0, 1.0).acos() - STEEPEST).clamp(min=0.0)
 
@@ -176,7 +177,7 @@ class Pilot:
         return r < 2 * self.config.near
 
     def _descend(self, team: Any, r: Tensor, since: Tensor) -> Tensor:
-        """Down, m/s."""
+        """Velocity down (m/s) of the kind `descend`."""
         c = self.config
         self._near(r, since)
         self.down = self.down | (self.ready > WAITED)
@@ -186,7 +187,7 @@ class Pilot:
         return torch.where(self.down, torch.full_like(r, c.fall), climb.clamp(-2.0, 1.5))
 
     def _matched(self, team: Any, least: Tensor) -> Tensor:
-        """Down (m/s): matched to the deck's vertical velocity, to the height `least` (m) above it."""
+        """Velocity down (m/s), matched to the deck's, that leads to the height `least` (m) above the deck."""
         c = self.config
         least = torch.maximum(least, self._lift(team))
         height = team.known_height
@@ -226,7 +227,9 @@ class Pilot:
 
 
 def corrected(wanted: Tensor, correction: Tensor, heading: tuple[Tensor, Tensor], level: float, down: float) -> Tensor:
-    """The velocity [.., 3] (NED) that is wanted with a `correction` [.., 3] in [-1, 1] in the level frame turned by
-    `heading`, at most `level` ahead and to starboard and `down` (m/s).
+    """Add a `correction` [.., 3] in [-1, 1] to the `wanted` velocity [.., 3] (NED, m/s).
+
+    The correction is in the level frame of `heading`, at most `level` ahead and to starboard and `down` downwards
+    (m/s).
     """
     return wanted + out_of_level(correction * correction.new_tensor((level, level, down)), heading)

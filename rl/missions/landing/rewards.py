@@ -47,15 +47,17 @@ class BoatReward(Strict):
 
 
 def touchdown(settling: Tensor, error: Tensor, speed: Tensor, tilt: Tensor, w: AircraftReward) -> Tensor:
-    """When all soles are down, the first of them `error` (m) from the middle and at a `tilt` (rad), the fastest at a
-    normal `speed` (m/s): at most 1.
+    """Reward of a touchdown when all soles are down: at most 1.
+
+    `error` (m, from the deck's middle) and `tilt` (rad, to the deck) are those of the first touch. `speed` (m/s) is the
+    greatest of any sole along the deck's normal.
     """
     level = coarse(tilt, math.radians(w.touch_tilt_deg))
     return torch.where(settling, (coarse(error, w.touch_error) + coarse(speed, w.touch_speed) + level) / 3, 0.0)
 
 
 def failure(ended: Any) -> Tensor:
-    """-1 where something but a landing has ended it."""
+    """-1 where an aircraft's episode has ended in any way but a landing."""
     return penalty(ended.any & ~ended["landed"])
 
 

@@ -286,7 +286,10 @@ class MeasuredSystem:
 
     @cached_property
     def _by_direction(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """For each band, its cumulative share of energy and the angles (rad), from opposite its mean direction on."""
+        """Cumulative energy over direction for each band: shares from 0 to 1, and angles (rad), both [ANGLES + 1].
+
+        The angles cover one turn, which begins opposite the band's mean direction.
+        """
         cell, middle = TWO_PI / ANGLES, direction_grid()
         found = []
         for spread, mean in zip(self.record.spread, np.angle(self.record.c1), strict=True):

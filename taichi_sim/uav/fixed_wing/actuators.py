@@ -97,7 +97,7 @@ def advance(servos: ti.template(), p: ti.template(), dt: ti.template(), delta, c
 
 
 class ElectricPropeller(Strict):
-    """Numbers of a propeller on an electric motor."""
+    """Parameters of a propeller on an electric motor."""
 
     law: Literal["electric"]
     D: Positive  # diameter, m
@@ -132,7 +132,7 @@ class ElectricPropeller(Strict):
 
 
 class DiscPropeller(Strict):
-    """Numbers of a propeller by Bernoulli's law."""
+    """Parameters of a propeller by Bernoulli's law."""
 
     law: Literal["disc"]
     S_prop: Positive  # m^2

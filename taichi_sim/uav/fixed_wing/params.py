@@ -172,7 +172,7 @@ FixedWingNumbers = namedtuple("FixedWingNumbers", (
 
 
 def aircraft_numbers(craft: FixedWingParams, values: Mapping[str, Number], dt: float) -> FixedWingNumbers:
-    """Numbers of an aircraft like `craft` with the parameters `values`, for a step dt (s).
+    """Compute the kernel's numbers of an aircraft like `craft` with the parameters `values`, for a step dt (s).
 
     `values` has each key of VARYING: floats, or tensors of one shape. Other parameters are those of `craft`.
     """
@@ -203,7 +203,7 @@ def aircraft_numbers(craft: FixedWingParams, values: Mapping[str, Number], dt: f
 
 @cache
 def nominal_numbers(craft: FixedWingParams) -> FixedWingNumbers:
-    """Numbers of the vehicle file itself, with actuators that follow their commands at once."""
+    """Compute the kernel's numbers of the vehicle file, with actuators that follow their commands at once."""
     data = craft.model_dump()
     values = {key: float(value_at(data, key)) for key in VARYING}
     return aircraft_numbers(craft, values, math.inf)

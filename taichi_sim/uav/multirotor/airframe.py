@@ -6,12 +6,12 @@ axes:
 
     m (v' + omega x v) = F + m g down,   J omega' = M - omega x (J omega) - omega x h - h'.
 
-A step is by the classical Runge-Kutta method, in the frame of the air. The rotors' speeds at its stages come from their
-exact solution for the held command: a lag as short as half a step costs neither accuracy nor stability.
+A step uses the classical Runge-Kutta method in the frame that moves with the air. At its stages the rotors' speeds
+follow their exact solution for the held command, so a lag as short as half a step costs neither accuracy nor stability.
 
-`craft` is a MultirotorParams: the kernels read the parameters that never vary from it, and these are compiled in. `p`
-are its numbers (params.py), either compiled in or loaded for each environment. `derivatives` and what follows it are
-for many states at once, with the vehicle file's numbers.
+`craft` is a MultirotorParams. It provides the parameters that never vary; kernels compile them in. `p` holds the
+numbers that may vary (params.py), either compiled in or loaded for each environment. `derivatives` and the functions
+below it treat many states at once, with the numbers of the vehicle file.
 """
 
 # Kernels are another language inside Python syntax.

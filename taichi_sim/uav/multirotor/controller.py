@@ -193,7 +193,7 @@ class ControllerGains:
 
 @dataclass(frozen=True)
 class Demands:
-    """Demands of actions of 1, and limits of the commands."""
+    """Speeds and rates that an action of 1 commands, and limits of the commands."""
 
     speed: float  # m/s
     climb: float
@@ -336,10 +336,10 @@ def gains(craft: MultirotorParams, dt: float) -> ControllerGains:
 
 
 def demands(craft: MultirotorParams, a: RotorAllocation) -> Demands:
-    """Demands of actions of 1.
+    """The speeds and rates that an action of 1 commands, and the limits of the commands.
 
     Raises:
-        ConfigError: for demands beyond the rotors or the envelope.
+        ConfigError: if the speed exceeds the envelope, or the rotors' thrust is too small.
     """
     c, most = craft.control, CLIMB_SHARE * a.thrust_to_weight
     if c.speed > craft.envelope.max_airspeed:

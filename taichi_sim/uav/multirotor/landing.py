@@ -1,9 +1,10 @@
-"""A multirotor's physics step on a deck: contact steps of about a millisecond, rotors and air included.
+"""A multirotor's physics step on a deck, divided into contact steps of about a millisecond with rotors and air.
 
-A contact step is half a drift, a kick, and half a drift (Strang 1968) of position, velocity, attitude and angular
-momentum in n, so that kicks conserve both momenta to rounding. The kick uses the forces in its middle: those of the
-soles (contact/touch.py) take velocities predicted by half a kick. The deck's motion, and its response to contact, are
-those of contact/carrier.py. Rotor speeds are exact; the air's velocity is held over the physics step.
+A contact step is half a drift, a kick, and half a drift (Strang 1968). It integrates position, velocity, attitude and
+angular momentum, all in n, so kicks conserve linear and angular momentum to rounding. A kick uses the forces at its
+midpoint: the soles' forces (contact/touch.py) are computed from velocities predicted half a kick ahead. The deck moves
+and responds to contact as contact/carrier.py describes. Rotor speeds follow their exact solution. The air's velocity is
+constant over the physics step.
 """
 
 # Kernels are another language inside Python syntax.
@@ -256,7 +257,10 @@ def soles_down(soles, legs: ti.template()):
 
 @ti.func
 def remember(touch: ti.template(), T: ti.template(), e, i, soles, body, met):
-    """Store the soles' memory and the carrier's response after the control step T (s); met: a rotor has struck."""
+    """Store the soles' memory, and what the aircraft does to the deck's carrier in a control step of T (s).
+
+    `body` is the deck's answer (BODY_SIZE). A `met` other than 0 means that a rotor has struck the deck.
+    """
     for c in ti.static(range(soles.n)):
         touch.soles[e, i, c] = soles[c]
     if met != 0:

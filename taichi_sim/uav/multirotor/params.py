@@ -106,7 +106,7 @@ class MultirotorEnvelope(Strict):
 
 
 class Control(Strict):
-    """The actions, and the demands of actions of 1 (controller.py)."""
+    """The kind of actions, and the speeds and rates that an action of 1 commands (controller.py)."""
 
     actions: Actions = "velocity"
     speed: Positive = 8.0  # horizontal speed over ground at actions of 1, m/s
@@ -240,7 +240,7 @@ def varying_keys(craft: MultirotorParams) -> tuple[str, ...]:
 
 
 def multirotor_numbers(craft: MultirotorParams, values: Mapping[str, Number], dt: float) -> Any:
-    """Numbers of a multirotor like `craft` with the parameters `values`, for a step dt (s).
+    """Compute the kernel's numbers of a multirotor like `craft` with the parameters `values`, for a step dt (s).
 
     `values` has each of `varying_keys`: floats, or tensors of one shape. Other parameters are those of `craft`.
     """
@@ -265,7 +265,7 @@ def _inverse(Jx, Jy, Jz, Jxy, Jxz, Jyz) -> tuple[Number, ...]:
 
 @cache
 def nominal_numbers(craft: MultirotorParams) -> Any:
-    """Numbers of the vehicle file itself."""
+    """Compute the kernel's numbers of the vehicle file itself."""
     data = craft.model_dump()
     values = {key: float(value_at(data, key)) for key in varying_keys(craft)}
     return multirotor_numbers(craft, values, math.inf)

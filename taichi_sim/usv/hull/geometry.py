@@ -226,7 +226,7 @@ class Gauge(NamedTuple):
 
     @classmethod
     def of(cls, point: Array, weight: Array, half_size: Array, depth: float) -> "Gauge":
-        """From waterplane elements at `point` [n, 2] with areas `weight` [n], each 2 half_size [n, 2] long and wide."""
+        """Make a gauge of waterplane elements at `point` with areas `weight` [n] and sides 2 half_size, both [n, 2]."""
         share = weight / weight.sum()
         x = point - share @ point
         along, across = (Rule.of(Elements(x[:, i], half_size[:, i], share)) for i in (0, 1))

@@ -151,7 +151,7 @@ class Hull6Dof(Vessel):
     # -- numbers that vary -----------------------------------------------------------------------------------------
 
     def own(self, values: Mapping[str, Number]):
-        """Numbers that the kernel uses (params.py)."""
+        """Compute the kernel's numbers (params.py) from `values`."""
         return hull_numbers(self.params, self.radiation, self.dt, values)
 
     def with_numbers(self, values: Mapping[str, float]) -> Hull6DofParams:

@@ -290,7 +290,7 @@ def mmg_keys(p: Hull6DofParams) -> tuple[str, ...]:
 
 
 def mmg_numbers(p: Hull6DofParams, dt: float, values: Mapping[str, Number]) -> dict[str, Number]:
-    """Numbers of one propeller, one rudder and the polynomial (usv/mmg.py), by field."""
+    """Compute numbers of one propeller, one rudder and the polynomial (usv/mmg.py), by field."""
     m = p.mmg
     if m is None:
         return {}
@@ -309,7 +309,7 @@ def thruster_keys(p: Hull6DofParams) -> tuple[tuple[str, ...], tuple[str, ...]]:
 def hull_numbers(
     p: Hull6DofParams, radiation: "Radiation", dt: float, values: Mapping[str, Number]
 ) -> tuple[Number, ...]:
-    """Numbers of a hull with `values` for `varying_keys` (floats or float64 tensors), stepped by `dt` (s)."""
+    """Compute the kernel's numbers of a hull for a step `dt` (s), from `values` (floats or float64 tensors)."""
     mass, cg = values[MASS], [values[key] for key in CG]
     added, linear, quadratic = ([values[key] for key in keys] for keys in (ADDED_MASS, LINEAR, QUADRATIC))
     M_rb = changed_mass(p.M_rb, p.rigid_body.mass, p.rigid_body.cg, mass, cg)

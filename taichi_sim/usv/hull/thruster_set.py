@@ -107,8 +107,8 @@ class Allocation(NamedTuple):
 
     shares: tuple[tuple[float, ...], ...]  # rows of `pseudo_inverse`
     first: tuple[int, ...]  # first component of each thruster
-    largest: tuple[float, ...]  # X, Y (N), N (N m) of actions of 1
-    smallest: tuple[float, ...]  # X, Y (N), N (N m) of actions of -1
+    largest: tuple[float, ...]  # X, Y (N), N (N m) that actions of 1 command
+    smallest: tuple[float, ...]  # X, Y (N), N (N m) that actions of -1 command
 
     @classmethod
     def of(cls, thrusters: Sequence[Thruster]) -> "Allocation":

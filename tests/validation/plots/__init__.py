@@ -46,8 +46,8 @@ PICTURES = (
             "Left: the box against the wall-sided formula, which holds until an edge enters or leaves the water. "
             "Right: the shipped hulls."),
     Picture("hydrostatics", "remembered", response.remembered,
-            "The shipped barge, which is that box, with the memory and the diffraction of its database: both sides of "
-            "the resonances, roll's peak included."),
+            "The same box, shipped as `barge`, with the radiation memory and the diffraction of its database. "
+            "Amplitudes follow the boundary-element code on both sides of each resonance."),
     Picture("hydrostatics", "kernels", kernels.draw,
             "Damping by the boundary-element code and by the memory that stands for it in the equations of motion, and "
             "the kernel of heave. The Otter's sharp resonances of water between the pontoons are fitted least well."),

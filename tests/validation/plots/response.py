@@ -33,7 +33,7 @@ def draw(folder: Folder) -> Figure:
 
 
 def remembered(folder: Folder) -> Figure:
-    """The same of the shipped barge, which is that box, with memory and diffraction."""
+    """The same charts of the shipped barge, which is the box of the tables, with memory and diffraction."""
     case = _case(folder)
     if not is_the_barge(radiation_of(case)):
         raise TableError(f"{case.path.name} is of another box than the shipped barge")
