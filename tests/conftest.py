@@ -1,7 +1,8 @@
 """Fixtures shared by all tests, and their order: what Taichi has compiled serves as many tests as possible.
 
 Taichi compiles a kernel anew after every change of precision or threads, and in every worker. So a worker takes all
-tests of one precision from files whose names begin alike (--dist loadgroup), double first, and changes once.
+tests of one precision from tests/rl, or from files whose names begin alike (--dist loadgroup). The first worker begins
+with tests/rl, which takes longest, the others with those in double precision.
 """
 
 import os
@@ -26,12 +27,17 @@ def _precision_of(item: pytest.Item) -> runtime.Precision:
     return "f64" if "f64" in item.fixturenames else "f32"
 
 
+def _group_of(item: pytest.Item) -> str:
+    """The tests that a worker takes together."""
+    subject = "rl" if item.path.parent.name == "rl" else item.path.stem.split("_")[1]
+    return f"{subject}-{_precision_of(item)}"
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    items.sort(key=lambda item: _precision_of(item) == "f32")
+    items.sort(key=lambda item: (_group_of(item) != "rl-f32", _precision_of(item) == "f32"))
     for item in items:
-        subject = item.path.stem.split("_")[1]
-        item.add_marker(pytest.mark.xdist_group(f"{subject}-{_precision_of(item)}"))
+        item.add_marker(pytest.mark.xdist_group(_group_of(item)))
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -9,6 +9,7 @@ from PIL import Image
 from test_recording import make_episode
 
 from taichi_sim.film import FilmError, Picture, check_film, moment_of, write_film, write_strip
+from taichi_sim.film.camera import FollowRig
 from taichi_sim.film.files import film_times
 from taichi_sim.film.moment import TRAIL_S
 from taichi_sim.film.picture import room_at_decks
@@ -76,6 +77,17 @@ def test_a_picture_shows_every_teams_colours_waves_and_a_horizon():
     sea = picture[300:460, 20:380].astype(int)
     assert sea[..., 2].mean() > sea[..., 0].mean() + 30 and sea[..., 1].std() > 3  # blue, and not flat
     assert picture[4, 200, 2] > 180  # the sky
+
+
+def test_nothing_stands_between_the_camera_and_whom_it_follows():
+    episode = make_episode(steps=60)
+    moment = moment_of(episode, 5.0)
+    eye = FollowRig("usv").camera(moment, 4 / 3).eye_n
+    between = np.array([[*(0.5 * (eye + moment.teams["usv"].position_n.mean(axis=0)))[:2], 4.0, 30.0]])
+    hidden = moment._replace(scene=dataclasses.replace(moment.scene, obstacles=between))
+    picture = Picture(hidden, (640, 480), view="usv").paint(hidden)
+    colours = {tuple(pixel) for pixel in np.unique(picture.reshape(-1, 3), axis=0).tolist()}
+    assert {episode.liveries["usv"].of(vehicle) for vehicle in range(3)} <= colours
 
 
 def test_over_a_deck_nobody_is_drawn_larger_than_there_is_room():

@@ -225,6 +225,7 @@ runtime.Launcher(double)(torch.ones(3))
 """
 
 
+@pytest.mark.slow
 def test_a_process_leaves_what_it_compiled_to_the_next_one(tmp_path):
     """Although a process that was killed while it wrote has left its lock; a lock in use is respected."""
     cache, script = tmp_path / "cache", tmp_path / "double.py"

@@ -313,6 +313,7 @@ def test_px4_begins_when_it_is_ready_and_restarts_with_a_new_connection():
     assert again.heard[4000].zacc == pytest.approx(-GRAVITY, abs=0.1)
 
 
+@pytest.mark.slow
 def test_the_command_serves_px4_over_tcp(tmp_path):
     pytest.importorskip("pymavlink")
     with socket.socket() as s:

@@ -30,6 +30,7 @@ SMALL = 300  # px: pictures that are lower or less wide show one view
 MAIN = 0.62  # width of the large view
 INSET, GAP = 0.3, 2  # height of a map in the corner; px between views
 FAR_PX, NEAR_PX = 36.0, 50.0  # least length of bodies in an overview, and behind aircraft, if team mates leave room
+CLEAR = 0.8  # of the way to the nearest vehicle that a view follows, nothing else is drawn
 MOST = 25.0  # greatest enlargement
 ROOM = 0.8  # greatest length of an enlarged body over the distance to the nearest team mate
 ARROW = np.array([(0.7, 0.0), (-0.5, 0.4), (-0.3, 0.0), (-0.5, -0.4), (0.7, 0.0)])
@@ -160,7 +161,10 @@ class Picture:
             self._cast.bodies(own, moment, scales)
             water = water_seen(camera, size, moment)
         drawing = pen.drawing(view.kind)
-        solids = Solids(*joined((drawing.solids, own.drawing(view.kind).solids)))
+        scenery = drawing.solids
+        if isinstance(view.rig, FollowRig):
+            scenery = _behind(scenery, camera, moment.teams[view.rig.team].position_n, size)
+        solids = Solids(*joined((scenery, own.drawing(view.kind).solids)))
         strokes = drawing.strokes._replace(width_px=np.maximum(drawing.strokes.width_px * _thick(size), 1.0))
         part = view.raster.draw(camera, solids, strokes, water)
         if with_words:
@@ -227,6 +231,13 @@ def _thick(size: tuple[int, int]) -> float:
 def _letters(high: int) -> int:
     """Size of letters (px) in a picture `high` px high."""
     return int(np.clip(round(0.029 * high), 10, 40))
+
+
+def _behind(solids: Solids, camera: FilmCamera, places_n: Array, size: tuple[int, int]) -> Solids:
+    """The faces that do not stand between the camera and vehicles at [V, 3], so that a view shows whom it follows."""
+    near = CLEAR * float(camera.pixels(places_n, size)[..., AWAY].min())
+    away = camera.pixels(solids.corners_n.mean(axis=1), size)[..., AWAY]
+    return Solids(*(column[away > near] for column in solids))
 
 
 def _scales(moment: Moment, camera: FilmCamera, view: View) -> dict[str, float]:

@@ -117,6 +117,7 @@ def test_no_otter_is_swamped_in_its_first_second(first_seconds):
         assert swamped == 0 if how == "settled" else swamped > 0
 
 
+@pytest.mark.slow
 def test_the_first_second_is_like_the_next(first_seconds):
     """Root mean square of the vertical acceleration: within a tenth; of hulls at rest it is twice that."""
     for how, (_, acceleration) in first_seconds.items():

@@ -1,6 +1,7 @@
 """Hulls' sums in vectors of several components (kernels/lanes.py): the last vector need not be full."""
 
 import numpy as np
+import pytest
 import torch
 
 from taichi_sim.bench import calm_sea
@@ -42,6 +43,7 @@ def test_a_straight_run_in_calm_water_is_straight_to_the_last_bit(constant_model
     assert state[:, VELOCITY.start].min() > 1.0 and (state[:, aside] == 0.0).all()
 
 
+@pytest.mark.slow
 def test_a_ship_whose_numbers_vary_follows_propeller_and_rudder_as_one_of_the_file(make_model, bench):
     """Rates of change are vectors of numbers then, which Taichi cannot negate where it keeps vectors whole."""
     model, found = make_model("kvlcc2_6dof", 0.05, 2, hydrodynamics={"radiation": "constant"}), []

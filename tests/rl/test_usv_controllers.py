@@ -268,6 +268,7 @@ def test_blind_vessels_act_too():
     assert torch.isfinite(distances).all()
 
 
+@pytest.mark.slow
 def test_baseline_is_strong():
     """In sea state 3: little more than what the waves' orbits carry the hull to the side, 0.2 m."""
     config = load_scenario(
