@@ -9,6 +9,7 @@ SMALL = ("--set", "sea.realisations=2", "--set", "sea.components=6")
 PNG = b"\x89PNG\r\n"
 
 
+@pytest.mark.slow
 def test_a_sea_with_swell_is_drawn(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(draw_sea, "GRID", 24)
     out = tmp_path / "sea.png"

@@ -51,6 +51,7 @@ def test_a_file_is_described_and_what_is_wrong_named(capsys):
     assert "--envs 0" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_vessels_are_the_shipped_ones():
     names = sea_of.vessels()
     assert {"otter", "wamv", "barge", "unity_boat"} <= set(names) and "aerosonde" not in names

@@ -48,6 +48,7 @@ def test_every_page_is_a_lesson():
     assert {page.stem for page in PAGES.glob("*.md")} == {"index", *LESSONS}
 
 
+@pytest.mark.slow
 def test_a_sea_a_boat_and_a_mission(tmp_path):
     assert 0.8 < number(r"height: (\S+) m", lesson(tmp_path, "sea")) < 1.2
     assert (tmp_path / "sea.png").is_file()

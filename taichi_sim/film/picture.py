@@ -236,8 +236,8 @@ def _letters(high: int) -> int:
 def _behind(solids: Solids, camera: FilmCamera, places_n: Array, size: tuple[int, int]) -> Solids:
     """The faces that do not stand between the camera and vehicles at [V, 3], so that a view shows whom it follows."""
     near = CLEAR * float(camera.pixels(places_n, size)[..., AWAY].min())
-    away = camera.pixels(solids.corners_n.mean(axis=1), size)[..., AWAY]
-    return Solids(*(column[away > near] for column in solids))
+    seen = camera.pixels(solids.corners_n.mean(axis=1), size)[..., AWAY] > near
+    return Solids(solids.corners_n[seen], solids.normals_n[seen], solids.colours[seen])
 
 
 def _scales(moment: Moment, camera: FilmCamera, view: View) -> dict[str, float]:

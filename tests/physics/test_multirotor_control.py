@@ -103,7 +103,10 @@ def test_thrusts_give_what_is_asked_or_roll_and_pitch_first(frame):
     assert fits.any()  # yaw gave way, roll and pitch did not
 
 
-@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize(
+    "frame",
+    [name if name in ("coaxial", "twelve") else pytest.param(name, marks=pytest.mark.slow) for name in FRAMES],
+)
 def test_any_frame_hovers_and_follows(frame):
     model = craft(
         rotors=FRAMES[frame],
@@ -135,7 +138,7 @@ def amplitude(model, column, action, frequency, unit, periods=12):
     return float(np.hypot(*found[:2])) / unit
 
 
-@pytest.mark.parametrize("name", ["x500", "t650"])
+@pytest.mark.parametrize("name", ["x500", pytest.param("t650", marks=pytest.mark.slow)])
 def test_bandwidths_are_those_told(name):
     """At the frequencies told, 1 / sqrt 2 of a small sinusoid arrives: rates, yaw rate, velocity, climb."""
     rates = load_vehicle(name, 0.005, 1, control={"actions": "rates"})

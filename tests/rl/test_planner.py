@@ -84,8 +84,9 @@ def test_a_learned_policy_is_followed_where_it_is_the_best_sample():
     assert (planner.cost[follows] < planner.classical[follows]).all()
 
 
-def test_an_honest_planner_believes_what_is_measured():
-    team = team_of("otter")
+@pytest.mark.parametrize("scenario", ["paper", pytest.param("otter", marks=pytest.mark.slow)])
+def test_an_honest_planner_believes_what_is_measured(scenario):
+    team = team_of(scenario, "sensors={gnss={noise=0.05}, contacts={range_noise=0.2}}")
     cost_of(team, 10, lambda k: ClassicalPolicy()(team))
     planner = HonestPlanner(SHORT, seed=1)
     action = planner(team)

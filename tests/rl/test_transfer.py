@@ -51,6 +51,7 @@ def episodes(kind):
     return transfer.judged(config, find_config("otter"), "usv", ClassicalPolicy(), 2, 5, kind, None)
 
 
+@pytest.mark.slow
 def test_our_model_in_disguise_has_our_figures_to_the_bit_and_another_has_others():
     ours, same, other = episodes(None), episodes(Disguise), episodes(Slippery)
     assert any(np.isfinite(values).all() and values.any() for values in ours.values())
