@@ -145,6 +145,11 @@ def test_an_honest_planner_believes_what_the_aircraft_know():
     moved, foreseen = mission.boats.deck.place - before, believed.boats.deck.place - way
     assert float((foreseen - moved).norm(dim=-1).mean()) < min(0.25, 0.5 * float(moved.norm(dim=-1).mean()))
     assert float((mine.fleet.velocity_n - team.fleet.velocity_n).abs().mean()) < 0.35
+    last = believed._ahead - 1 - int((believed.steps - believed.since)[0])
+    end, beyond = (believed.foreseen(last + more) for more in (0, 10))  # a deck goes on as it goes at the end
+    gone = (beyond[..., :3] - end[..., :3]).norm(dim=-1)
+    assert torch.allclose(gone, 10 * mission.config.decision_interval * end[..., 7:10].norm(dim=-1), rtol=1e-3)
+    assert torch.equal(beyond[..., 3:], end[..., 3:])
 
 
 def test_a_fork_lands_as_its_source_does_to_the_bit():

@@ -93,6 +93,16 @@ def test_an_aircraft_under_water_has_crashed(shared, altitude, expected):
     assert step.terminated.tolist() == [expected, False, False, False]
 
 
+@pytest.mark.parametrize("bank", [0.0, -80.0, 80.0])
+def test_an_aircraft_whose_lower_wing_touches_the_water_has_crashed(shared, bank):
+    begin(shared)
+    fleet, roll = shared.teams["uav"].fleet, torch.deg2rad(torch.tensor(bank))
+    fleet.state[0, 1, 2] = -0.4 * fleet.model.size[1]
+    fleet.state[0, 1, 3:7] = torch_quaternion_from_euler(roll, 0.0 * roll, 0.0 * roll)
+    fleet.update()
+    assert fleet.model.endings(fleet, shared.world)["crashed"].equal(only(shared, 0, 1) & (bank != 0.0))
+
+
 @pytest.mark.parametrize("axis", [0, 1])
 @pytest.mark.parametrize(("beyond", "expected"), [(-20.0, False), (20.0, True)])
 def test_a_vehicle_outside_the_area_has_left(shared, axis, beyond, expected):

@@ -59,10 +59,10 @@ def test_a_gate_opens_where_an_obstacle_is_near(monkeypatch):
     task = corrected("usv.residual.gate=20.0", "sea.hs=0")
     begin(task)
     team = task.teams["usv"]
-    near = torch.tensor([40.0, 20.0, 15.0]) + team.radius
+    near = torch.tensor([20.0, 15.0, 5.0]) + team.radius
     team.sensor.obstacles[..., 0, 0] = near.expand(task.num_envs, 3)
     team.sensor.obstacles[..., 0, Obstacle.NUMBER] = 0.0
-    torch.testing.assert_close(pushes(team, monkeypatch), MOST * torch.tensor([0.0, 0.0, 0.5]))
+    torch.testing.assert_close(pushes(team, monkeypatch), MOST * torch.tensor([0.0, 0.5, 1.0]))
     team.sensor.obstacles[..., 0, Obstacle.NUMBER] = -1.0  # there is nothing: what stands in the table is the range
     assert pushes(team, monkeypatch).equal(torch.zeros(3))
 
