@@ -221,6 +221,11 @@ class Wind:
         """Make later draws depend on `seed` alone."""
         self._variation.reseed(seed)
 
+    @property
+    def mean(self) -> torch.Tensor:
+        """Mean wind [env, 3], `velocity` without the slow variation."""
+        return self._mean
+
     def set_mean(self, envs: torch.Tensor, mean: torch.Tensor) -> None:
         """Set the mean wind of environments `envs` [n] to `mean` [n, 3] (NED, m/s); the slow variation stays.
 

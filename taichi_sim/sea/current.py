@@ -93,6 +93,11 @@ class Current:
         """Make later draws depend on `seed` alone."""
         self._variation.reseed(seed)
 
+    @property
+    def steady(self) -> torch.Tensor:
+        """Mean current [env, 2] as `set_mean` takes it: without tide and slow variation."""
+        return self._steady
+
     def set_mean(self, envs: torch.Tensor, mean: torch.Tensor) -> None:
         """Set the mean current of environments `envs` [n] to `mean` [n, 2] (m/s); the random part stays."""
         self._steady[envs] = mean

@@ -87,6 +87,9 @@ def test_a_learned_policy_is_followed_where_it_is_the_best_sample():
 @pytest.mark.parametrize("scenario", ["paper", pytest.param("otter", marks=pytest.mark.slow)])
 def test_an_honest_planner_believes_what_is_measured(scenario):
     team = team_of(scenario, "sensors={gnss={noise=0.05}, contacts={range_noise=0.2}}")
+    truth, everywhere = team.mission.world, torch.arange(3)
+    truth.wind.set_mean(everywhere, torch.tensor([[3.0, 1.0, 0.0]]).expand(3, 3))  # not those of the scenario
+    truth.current.set_mean(everywhere, torch.tensor([[0.1, -0.2]]).expand(3, 2))
     cost_of(team, 10, lambda k: ClassicalPolicy()(team))
     planner = HonestPlanner(SHORT, seed=1)
     action = planner(team)
@@ -94,6 +97,8 @@ def test_an_honest_planner_believes_what_is_measured(scenario):
     mine = model.teams["usv"]
     assert mine.fleet.state.equal(team.known.fleet.state) and not mine.fleet.state.equal(team.fleet.state)
     assert float(model.world.sea.components.amplitude.sum()) == 0.0
+    assert model.world.wind.velocity.equal(truth.wind.mean)
+    assert model.world.current.velocity.equal(truth.current.steady)
     assert mine.now.slot[:, 0].equal(team.now.slot[:, 0])
     assert action.shape == team.fleet.action.shape and bool(action.isfinite().all())
     seen = team.known.sensor.obstacles[..., 0, 8] >= 0

@@ -368,9 +368,9 @@ def imagined_scenario(config: FormationScenario, name: str) -> FormationScenario
 class ImaginedFormation(Formation):
     """The model in which an honest planner (rl/planning/planner.py) tries plans of one team.
 
-    It has nominal vehicles, calm water, the scenario's mean wind and current, exact sensors and no radio. Track, target
-    and slots are the plan, which all vehicles know. Its obstacles are those that the vehicles sense; they keep their
-    velocity.
+    It has nominal vehicles, calm water, the mean wind and current of each environment, exact sensors and no radio.
+    Track, target and slots are the plan, which all vehicles know. Its obstacles are those that the vehicles sense; they
+    keep their velocity.
     """
 
     STATE = ()
@@ -382,12 +382,15 @@ class ImaginedFormation(Formation):
         self.bodies = Bodies(self.num_envs, self.obstacles.new_zeros(()).expand(shape))
 
     def believe(self, team: TeamTask) -> None:
-        """Write vehicles and obstacles as `team` measures them, and target and slots as they are, into the model."""
+        """Write mean wind and current, target and slots as they are, vehicles and obstacles as `team` measures them."""
         mine, known = self.teams[team.name], team.known
         self.steps.copy_(team.mission.steps)
         self.env_world.copy_(team.mission.env_world)
         transfer(team.mission.targets, self.targets)
         transfer(team.slots, mine.slots)
+        everywhere, theirs = torch.arange(self.num_envs, device=self.steps.device), team.mission.world
+        self.world.wind.set_mean(everywhere, theirs.wind.mean)
+        self.world.current.set_mean(everywhere, theirs.current.steady)
         mine.fleet.state.copy_(known.fleet.state)
         mine.fleet.aux.copy_(known.fleet.aux)
         mine.fleet.surface.copy_(team.fleet.surface)
