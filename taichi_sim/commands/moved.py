@@ -102,6 +102,7 @@ MOVED = {
     "rl.learn.joint": "rl.learn.env",
     "rl.processes.wires": "rl.processes",
     "taichi_sim.plotting.style": "taichi_sim.plotting",
+    "taichi_sim.usv.hull.pressure": "taichi_sim.usv.hull.water",
     "taichi_sim.usv.hull.allocation": "taichi_sim.usv.hull.thruster_set",
     "taichi_sim.usv.hull.shapes": "taichi_sim.usv.hull.mesh",
     "taichi_sim.usv.hull.gauge": "taichi_sim.usv.hull.geometry",

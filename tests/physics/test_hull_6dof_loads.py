@@ -10,7 +10,7 @@ from taichi_sim.conventions import GRAVITY
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components
-from taichi_sim.usv.hull.pressure import STRIPS
+from taichi_sim.usv.hull.water import STRIPS
 
 pytestmark = pytest.mark.usefixtures("precision")
 

@@ -12,7 +12,8 @@ from taichi_sim.kernels.lanes import laned, laned1, laned3
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components
 from taichi_sim.usv.hull.database import HydroDatabase
-from taichi_sim.usv.hull.memory import Memory, radiate
+from taichi_sim.usv.hull.memory import Memory
+from taichi_sim.usv.hull.radiation import Bank, radiate
 
 pytestmark = pytest.mark.usefixtures("f64")
 
@@ -42,7 +43,7 @@ def coupled() -> Memory:
 
 def driven(memory: Memory, nu: np.ndarray, dt: float) -> np.ndarray:
     """Loads [step, run, 6] under velocities nu [step, run, 6], each in the middle of a step, from rest."""
-    bank = memory.modes.bank(dt)
+    bank = Bank.of(memory.modes, dt)
 
     @ti.kernel
     def run(

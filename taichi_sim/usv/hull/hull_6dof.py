@@ -14,8 +14,8 @@ Ships and Offshore Structures, ch. 3). tau is the sum of thrust, wind, external 
 A hull is composed of parts. Each is a module of functions that kernels inline, with a table of compile-time numbers:
 
     water.py                      mean surface plane, orbital motion, current        HullGeometry.gauge
-    pressure.py                   hydrostatic and Froude-Krylov load                 Pressure
-    radiation.py, memory.py       radiation and diffraction                          Radiation
+                                  hydrostatic and Froude-Krylov load                 water.Pressure
+    radiation.py                  radiation and diffraction                          Radiation
     thruster_set.py               from action to thrust                              ThrusterSet
     mmg_drive.py                  instead: propellers and rudders, polynomial        MmgDrive
     motion.py                     other loads, auxiliary state, equations of motion, integrators, start on the waves
@@ -48,13 +48,12 @@ from taichi_sim.kernels.rigid_body import angular, linear
 from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix, store
 from taichi_sim.kernels.runtime import array2, array3, whole1
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.usv.hull import mmg_drive, motion, pressure, thruster_set, water
+from taichi_sim.usv.hull import mmg_drive, motion, thruster_set, water
 from taichi_sim.usv.hull.geometry import HullGeometry, device_table
 from taichi_sim.usv.hull.hydrostatics import check_floats
 from taichi_sim.usv.hull.mmg_drive import MmgDrive
 from taichi_sim.usv.hull.motion import largest_stable_dt, linear_motion, runge_kutta_step, strang_step
 from taichi_sim.usv.hull.params import Hull6DofParams, hull_numbers, symmetric, varying_keys, vector
-from taichi_sim.usv.hull.pressure import Pressure
 from taichi_sim.usv.hull.radiation import radiation_of
 from taichi_sim.usv.hull.thruster_set import ThrusterSet
 from taichi_sim.usv.vessel import Number, Vessel, steady_speed
@@ -73,7 +72,7 @@ TablesPack = ti.types.argpack(
     diffraction=laned3,
 )
 """Tables of the parts: panels, their reads of pressure heads in the auxiliary state, and pairs of wave lines
-(pressure.py); corners of the deck (geometry.py); filters of the memory, and diffraction in one sea (radiation.py)."""
+(water.py); corners of the deck (geometry.py); filters of the memory, and diffraction in one sea (radiation.py)."""
 SEAS = 4  # number of seas for which a model keeps tables
 SeaKey = tuple[int, int, tuple[int, ...]]  # address, version and shape of a sea's tensor
 
@@ -128,7 +127,7 @@ class Hull6Dof(Vessel):
         else:
             self.thrusters, self.drive = MmgDrive(params.mmg, motion.CONTROLS), mmg_drive
         self.aux_names = (*motion.AUX, *self.thrusters.columns)
-        self.pressure = Pressure.of(self.geometry, len(self.aux_names))
+        self.pressure = water.Pressure.of(self.geometry, len(self.aux_names))
         first = filled(len(self.aux_names) + self.pressure.columns)
         self.radiation = radiation_of(params, self.geometry, dt, substeps, first)
         self.aux_size = first + self.radiation.columns
@@ -314,14 +313,14 @@ class Hull6Dof(Vessel):
             if len(self._tables) >= SEAS:
                 self._tables.pop(next(iter(self._tables)))
             g = self.geometry
-            reads, node, share = pressure.read_tables(g)
+            reads, node, share = water.read_tables(g)
             tables = runtime.pack(
                 TablesPack,
-                panels=laned(device_table(pressure.panel_table(g))),
+                panels=laned(device_table(water.panel_table(g))),
                 reads=device_table(reads).int(),
                 node=device_table(node + self.pressure.first).int(),
                 share=device_table(share),
-                lines=device_table(pressure.line_table(g)),
+                lines=device_table(water.line_table(g)),
                 deck=device_table(g.deck_corners),
                 **self.radiation.tables(sea),
             )
@@ -372,7 +371,7 @@ class Hull6Dof(Vessel):
             plane = water.mean_plane(sums, R)
             blown = motion.wind_load(self.params.windage.height, p, R, nu, air)
             if ti.static(self.by_panels):
-                up = pressure.load(self.pressure, build, around, tables, aux, e, i, tau, pos, R, L, J, plane)
+                up = water.pressure_load(self.pressure, build, around, tables, aux, e, i, tau, pos, R, L, J, plane)
                 up += motion.weight_load(p.weight, ti.static(vector(p, "cg", 3)), motion.down(R))
                 now = self.drive.lagged(self.thrusters, p, controls, command, 0.5)
                 driven = self.drive.load(self.thrusters, p, now)
@@ -428,7 +427,7 @@ class Hull6Dof(Vessel):
             now = ti.Vector([controls[n, c] for c in ti.static(range(len(self.control_names)))])
             tau += self.drive.load(self.thrusters, p, now)
             if ti.static(self.by_panels):
-                tau += pressure.panel_load(self.pressure, tables, no_waves, n, 0, pos[2], R, linear(calm))
+                tau += water.panel_load(self.pressure, tables, no_waves, n, 0, pos[2], R, linear(calm))
                 tau += motion.weight_load(p.weight, ti.static(vector(p, "cg", 3)), motion.down(R))
             else:
                 tau += motion.linear_load(self.params.linear, p, pos[2], R, calm)
@@ -459,6 +458,6 @@ class Hull6Dof(Vessel):
             D = water.displacement(self.gauge, build, around, e, pos, R)
             sums, L, J = water.at(self.gauge, build, around, e, now, pos, R, D)
             plane = water.mean_plane(sums, R)
-            load = pressure.load(self.pressure, build, around, tables, aux, e, i, now, pos, R, L, J, plane)
+            load = water.pressure_load(self.pressure, build, around, tables, aux, e, i, now, pos, R, L, J, plane)
             for c in ti.static(range(6)):
                 out[e, i, c] = load[c]

@@ -11,22 +11,16 @@ masses on springs, with dampers on them and between them:
 
 W is diagonal; R is symmetric and positive semidefinite. By this form, K has the properties of radiation (Perez and
 Fossen 2009, Modeling, Identification and Control 30, 1): it is stable, strictly proper, symmetric and passive, and K(0)
-= 0. No fit can create energy. The system is stepped in its modes, x_f' = p_f x_f + b_f nu, mu = Re sum_f c_f x_f, by
+= 0. No fit can create energy. Its modes are stepped (radiation.py), x_f' = p_f x_f + b_f nu, mu = Re sum_f c_f x_f, by
 the implicit midpoint rule, which keeps passivity: over a step h the masses and springs store h (mu nu - y_dot^T R
 y_dot), all evaluated at the middle of the step.
 """
-
-# Kernels are another language inside Python syntax.
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOptionalCall=false
 
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import taichi as ti
 from numpy.typing import ArrayLike, NDArray
-
-from taichi_sim.kernels.lanes import blocks, filled, totals, variables
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -39,42 +33,6 @@ class Modes(NamedTuple):
     pole: Complex  # [F], rad/s
     enters: Complex  # [F, 6], b
     leaves: Complex  # [F, 6], c
-
-    def bank(self, dt: float) -> "Bank":
-        """Discretise the filters for steps of dt (s)."""
-        seen = (self.enters != 0) | (self.leaves != 0)
-        groups, rows, first, begin = [], [], 0, 0
-        for pattern in sorted({tuple(row) for row in seen.tolist()}):
-            use = (seen == np.array(pattern)).all(axis=1)
-            modes = tuple(int(mode) for mode in np.flatnonzero(pattern))
-            gain, enters = 1 / (1 - self.pole[use] * dt / 2), self.enters[use] * dt / 2
-            columns = [gain, *(x[:, mode] for mode in modes for x in (enters, self.leaves[use]))]
-            size = filled(len(gain))
-            rows += [np.pad(part, (0, size - len(gain))) for column in columns for part in (column.real, column.imag)]
-            groups.append(FilterGroup(begin, first, size, modes))
-            begin, first = begin + 2 * len(columns) * size, first + 2 * size
-        return Bank(tuple(groups), first, np.concatenate([*rows, np.zeros(filled(1))]))
-
-
-class FilterGroup(NamedTuple):
-    """Filters that are coupled to the same modes of motion."""
-
-    begin: int  # index of their first number
-    first: int  # index of their first state; real parts, then imaginary parts
-    size: int  # number of filters, padded with idle ones to whole vectors (lanes.py)
-    modes: tuple[int, ...]
-
-
-class Bank(NamedTuple):
-    """Filters as a kernel processes them.
-
-    The numbers of a group are, for all its filters each: real and imaginary part of 1 / (1 - p dt/2), then of b dt/2
-    and of c for every mode.
-    """
-
-    groups: tuple[FilterGroup, ...]
-    size: int  # number of states
-    numbers: Array  # ends with zeros, so that it is never empty
 
 
 class Memory:
@@ -157,31 +115,3 @@ def _cleaned(values: Complex) -> Complex:
     """
     size = np.abs(values) / np.maximum(np.abs(values).max(axis=0), 1e-300)
     return np.where(size < 1e-9 * np.maximum(size.max(axis=1, keepdims=True), 1e-300), 0.0, values)
-
-
-@ti.func
-def radiate(bank: ti.template(), numbers: ti.template(), states: ti.template(), e, i, first: ti.template(), nu):
-    """Load -mu (N, N m, about CO, b) in the middle of a step, where the velocity through the water is `nu`.
-
-    The states of the filters are advanced to the end of the step. They lie in the auxiliary state from column `first`
-    on. `bank` is Modes.bank, `numbers` are its numbers, `states` is the auxiliary state, both in lanes.
-    """
-    load = ti.static(variables(6, numbers[0] * 0.0))
-    for g in ti.static(range(len(bank.groups))):
-        group, size = ti.static(bank.groups[g], blocks(bank.groups[g].size))
-        for f in range(size):
-            n = ti.static(blocks(group.begin)) + f
-            real = ti.static(blocks(first + group.first)) + f
-            x, y = states[e, i, real], states[e, i, real + size]
-            a, b = x, y
-            for c in ti.static(range(len(group.modes))):
-                a += numbers[n + ti.static((4 * c + 2) * size)] * nu[group.modes[c]]
-                b += numbers[n + ti.static((4 * c + 3) * size)] * nu[group.modes[c]]
-            gain_re, gain_im = numbers[n], numbers[n + size]
-            x_m, y_m = gain_re * a - gain_im * b, gain_re * b + gain_im * a
-            for c in ti.static(range(len(group.modes))):
-                leaves_re = numbers[n + ti.static((4 * c + 4) * size)]
-                leaves_im = numbers[n + ti.static((4 * c + 5) * size)]
-                load[group.modes[c]] += leaves_im * y_m - leaves_re * x_m
-            states[e, i, real], states[e, i, real + size] = 2 * x_m - x, 2 * y_m - y
-    return totals(load)

@@ -4,7 +4,7 @@
 
 The loads here are those besides pressure, radiation and thrust, in N and N m, about CO, in b.
 
-Restoring: the weight m g acts at the centre of gravity. With `restoring = "linear"` there are no panels (pressure.py),
+Restoring: the weight m g acts at the centre of gravity. With `restoring = "linear"` there are no panels (water.py),
 and the load is
 
     -G eta,   eta = (heave, roll, pitch) relative to the mean surface plane (water.py),
@@ -66,7 +66,7 @@ AUX = (
 )  # fmt: skip
 """Displacement of the label under the hull (water.py) and its change in a step (m), forces in the last step (N, b), and
 nu_dot in that step (m/s^2, rad/s^2). The columns of the thrusters (thruster_set.py), of the pressure heads
-(pressure.py) and of the radiation's memory (radiation.py) follow."""
+(water.py) and of the radiation's memory (radiation.py) follow."""
 LABEL, LABEL_CHANGE, PRESSURE, DRAG, WIND_FORCE, NU_DOT = map(
     AUX.index, ("label_north", "label_change_north", "pressure_x", "drag_x", "wind_x", "u_dot")
 )
@@ -93,7 +93,7 @@ def linear_load(source: ti.template(), p: ti.template(), z, R, sums):
 
     `source` is the LinearRestoring section, `sums` come from water.at.
     """
-    along, across = sums[water.ALONG], sums[water.ACROSS]
+    along, across = sums[water.SLOPE_ALONG], sums[water.SLOPE_ACROSS]
     heave = z + sums[water.ELEVATION]
     roll = ti.atan2(R[2, 1], R[2, 2]) + across
     pitch = ti.asin(ti.max(ti.min(-R[2, 0], 1.0), -1.0)) - along
@@ -325,7 +325,7 @@ def float_on_waves(
         D = water.displacement(hull.gauge, build, around, e, pos, R)
         sums, _L, _J = water.at(hull.gauge, build, around, e, now, pos, R, D)
         plane = water.mean_plane(sums, R)
-        q = tilted(q, R, sums[water.ALONG], sums[water.ACROSS])
+        q = tilted(q, R, sums[water.SLOPE_ALONG], sums[water.SLOPE_ACROSS])
         R = rotation_matrix(q)
         pos[2] -= plane[0]
         V_c, still = ti.Vector([around.current[e, NORTH], around.current[e, EAST], 0.0]), ti.Vector([now, now, now])

@@ -47,6 +47,7 @@ Its mean is sum a_i^2 D_i, where D(omega, beta) is the mean surge, sway and yaw 
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import taichi as ti
@@ -57,12 +58,12 @@ from torch import Tensor
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import AMPLITUDE, KX, KY, OMEGA
 from taichi_sim.kernels import fast
-from taichi_sim.kernels.lanes import blocks, laned, total, totals, variables
+from taichi_sim.kernels.lanes import blocks, filled, laned, total, totals, variables
 from taichi_sim.kernels.rigid_body import linear, six, times
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.hull.database import HydroDatabase, hull_hash
 from taichi_sim.usv.hull.geometry import HullGeometry, device_table
-from taichi_sim.usv.hull.memory import Memory, radiate
+from taichi_sim.usv.hull.memory import Memory, Modes
 from taichi_sim.usv.hull.params import Hull6DofParams
 from taichi_sim.usv.vessel import Number
 
@@ -248,6 +249,71 @@ def between(table: ti.template(), n, row: ti.template(), c, share):
     return table[n, row, c] + share * (table[n + 1, row, c] - table[n, row, c])
 
 
+class FilterGroup(NamedTuple):
+    """Filters that are coupled to the same modes of motion."""
+
+    begin: int  # index of their first number
+    first: int  # index of their first state; real parts, then imaginary parts
+    size: int  # number of filters, padded with idle ones to whole vectors (lanes.py)
+    modes: tuple[int, ...]
+
+
+class Bank(NamedTuple):
+    """Filters as a kernel processes them.
+
+    The numbers of a group are, for all its filters each: real and imaginary part of 1 / (1 - p dt/2), then of b dt/2
+    and of c for every mode.
+    """
+
+    groups: tuple[FilterGroup, ...]
+    size: int  # number of states
+    numbers: Array  # ends with zeros, so that it is never empty
+
+    @classmethod
+    def of(cls, filters: Modes, dt: float) -> "Bank":
+        """Discretise filters for steps of dt (s)."""
+        seen = (filters.enters != 0) | (filters.leaves != 0)
+        groups, rows, first, begin = [], [], 0, 0
+        for pattern in sorted({tuple(row) for row in seen.tolist()}):
+            use = (seen == np.array(pattern)).all(axis=1)
+            modes = tuple(int(mode) for mode in np.flatnonzero(pattern))
+            gain, enters = 1 / (1 - filters.pole[use] * dt / 2), filters.enters[use] * dt / 2
+            columns = [gain, *(x[:, mode] for mode in modes for x in (enters, filters.leaves[use]))]
+            size = filled(len(gain))
+            rows += [np.pad(part, (0, size - len(gain))) for column in columns for part in (column.real, column.imag)]
+            groups.append(FilterGroup(begin, first, size, modes))
+            begin, first = begin + 2 * len(columns) * size, first + 2 * size
+        return cls(tuple(groups), first, np.concatenate([*rows, np.zeros(filled(1))]))
+
+
+@ti.func
+def radiate(bank: ti.template(), numbers: ti.template(), states: ti.template(), e, i, first: ti.template(), nu):
+    """Load -mu (N, N m, about CO, b) in the middle of a step, where the velocity through the water is `nu`.
+
+    The states of the filters are advanced to the end of the step. They lie in the auxiliary state from column `first`
+    on. `numbers` are those of the `bank`, `states` is the auxiliary state, both in lanes.
+    """
+    load = ti.static(variables(6, numbers[0] * 0.0))
+    for g in ti.static(range(len(bank.groups))):
+        group, size = ti.static(bank.groups[g], blocks(bank.groups[g].size))
+        for f in range(size):
+            n = ti.static(blocks(group.begin)) + f
+            real = ti.static(blocks(first + group.first)) + f
+            x, y = states[e, i, real], states[e, i, real + size]
+            a, b = x, y
+            for c in ti.static(range(len(group.modes))):
+                a += numbers[n + ti.static((4 * c + 2) * size)] * nu[group.modes[c]]
+                b += numbers[n + ti.static((4 * c + 3) * size)] * nu[group.modes[c]]
+            gain_re, gain_im = numbers[n], numbers[n + size]
+            x_m, y_m = gain_re * a - gain_im * b, gain_re * b + gain_im * a
+            for c in ti.static(range(len(group.modes))):
+                leaves_re = numbers[n + ti.static((4 * c + 4) * size)]
+                leaves_im = numbers[n + ti.static((4 * c + 5) * size)]
+                load[group.modes[c]] += leaves_im * y_m - leaves_re * x_m
+            states[e, i, real], states[e, i, real + size] = 2 * x_m - x, 2 * y_m - y
+    return totals(load)
+
+
 class Radiation:
     """Contract of both kinds. The defaults have no load and no columns.
 
@@ -360,7 +426,7 @@ class DatabaseRadiation(Radiation):
         self.database, self.memory, self.draft = database, database.memory, geometry.panels.draft
         self.inertia = database.added_mass_inf if database.memory_inf is None else database.memory_inf
         self.counted = counted_damping(database, self.memory, params.M_rb, geometry.hydrostatics.stiffness())
-        self.filters, self.first, self.dt = self.memory.modes.bank(dt), first, dt
+        self.filters, self.first, self.dt = Bank.of(self.memory.modes, dt), first, dt
         self.columns = self.filters.size
         self.diffraction = Diffraction(database, h.drift)
         self.stretch = min(self.diffraction.stretch(dt), substeps)  # steps for which diffraction is summed once

@@ -1,28 +1,107 @@
-"""Water at a hull: its mean surface plane, its motion averaged over the hull, the current, the freeboard.
+"""Water at a hull: its mean surface plane, its motion averaged over the hull, its pressure, the current, the freeboard.
 
 Waves are summed at the label of the hull's centre: the position in still water of the particle that waves have
 displaced to the centre (sea/waves.py). Means are over the hull's waterplane (`Gauge`): elevation and slopes of the
 plane with the best fit and, at the depth of the draft, the orbital motion nu_o of the water. In finite depth,
 horizontal motion decays by exp(-omega^2/g d), vertical motion by exp(-g k^2/omega^2 d). Both equal exp(-k d) in deep
 water, and the exact factors to first order in k d.
+
+The load of the pressure on the hull's panels is hydrostatic plus Froude-Krylov (the undisturbed wave).
+The pressure head at a point, p / (rho g) in m, is its depth below mean sea level plus, for every component of the sea,
+
+    a exp(-k d) cos(k . x + phase - omega t).
+
+d is the depth below the hull's mean surface plane. (Wheeler's stretching (1970, J. Petrol. Technol. 22, 359) counts
+from the elevation at the point. Counting from the plane lets one exponential serve a whole line.) In finite depth the
+decay is exp(-omega^2/g d), because hulls lie near the surface. Waves are summed at the points of lines (`WaveLines`)
+and carried from there to the panels. On a panel the pressure is linear, and clipped at zero out of the water. The load
+is the sum of its averages over strips times constant unit wrenches (hydrostatics.py).
 """
 
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false
 
-import taichi as ti
+from typing import NamedTuple
 
-from taichi_sim.conventions import AMPLITUDE, BX, BY, GRAVITY, KX, KY, OMEGA, K
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from taichi_sim.conventions import AMPLITUDE, BX, BY, GRAVITY, KX, KY, OMEGA, RHO_SEA, K
 from taichi_sim.kernels import fast
 from taichi_sim.kernels.abreast import taken2
-from taichi_sim.kernels.lanes import blocks, totals, variables
+from taichi_sim.kernels.lanes import blocks, totals, variables, width
 from taichi_sim.kernels.rigid_body import cross, six
-from taichi_sim.usv.hull.geometry import averages
+from taichi_sim.usv.hull.geometry import HullGeometry, averages
+from taichi_sim.usv.hull.hydrostatics import Strips
 
 SUMS = 18  # numbers that `at_centre` returns:
-D_N, D_E, J_XX, J_XY, J_YY, ELEVATION, ALONG, ACROSS, *_motion = range(SUMS)
+D_N, D_E, J_XX, J_XY, J_YY, ELEVATION, SLOPE_ALONG, SLOPE_ACROSS, *_motion = range(SUMS)
 V_N, V_E, V_D, A_N, A_E, A_D, P, Q, P_DOT, Q_DOT = _motion
 LABEL_STEPS = 4  # of Newton's method, from zero displacement
+HALF_TURN = 3.14159265  # rad; waves shorter than a line's step cancel over it
+
+# Rows of the panel table [row, panel] (m, b): middle of the panel; half the vector between its two strips; half a
+# strip's vector, mean of the two and half their difference; position of the panel to starboard and ahead of its wave
+# point; then the unit wrenches of both strips that are not zero (hydrostatics.Strips).
+STRIPS = 2
+CENTRE, ALONG, UP, TWIST, ACROSS, AHEAD, WRENCH = 0, 3, 6, 9, 12, 13, 14
+POINT_A, POINT_B, STEP = 0, 3, 6  # columns of the line table: first points of both lines of a pair, their common step
+# Moment (m0, m1, m2) and component (X Y Z K M N) of the wrench rows of a strip
+WRENCH_ROWS = tuple((m, j) for m in range(3) for j in range(6) if m < 2 or j > 2)
+SECOND = len(WRENCH_ROWS)  # first wrench row of the second strip, counted from WRENCH
+PANEL_ROWS = WRENCH + STRIPS * SECOND
+
+
+class Pressure(NamedTuple):
+    """Compile-time sizes of the pressure kernels."""
+
+    panels: int  # number of panels
+    points: int  # points per wave line
+    nodes: int  # points of all lines
+    first: int  # first column, in the auxiliary state, of the nodes' heads (m); their change to starboard follows
+
+    @classmethod
+    def of(cls, geometry: HullGeometry, first: int) -> "Pressure":
+        """Sizes for the panels and lines of a hull."""
+        lines = geometry.lines
+        return cls(len(geometry.panels), lines.points, len(lines.start) * lines.points, first)
+
+    @property
+    def columns(self) -> int:
+        """Number of columns in the auxiliary state."""
+        return 2 * self.nodes
+
+
+def panel_table(geometry: HullGeometry) -> NDArray[np.float64]:
+    """Panel table, [PANEL_ROWS, panel]."""
+    strips = Strips.of(geometry.panels, STRIPS)
+    (c1, c2), (u1, u2) = strips.centre, strips.up
+    table = np.zeros((PANEL_ROWS, len(geometry.panels)))
+    table[:ACROSS] = np.concatenate([c1 + c2, c2 - c1, u1 + u2, u2 - u1], axis=1).T / 2
+    table[ACROSS], table[AHEAD] = geometry.lines.across, geometry.lines.ahead
+    table[WRENCH:] = [strip[:, m, j] for strip in strips.wrench for m, j in WRENCH_ROWS]
+    return table
+
+
+def read_tables(geometry: HullGeometry) -> tuple[NDArray, NDArray, NDArray]:
+    """Tables of which nodes of the wave lines the panels of each vector (lanes.py) read.
+
+    Returns:
+        The first read of each vector and of the next one; the node of each read; and [read, lane], 1 in the lanes of
+        the panels that read it.
+    """
+    of_vectors = np.array_split(geometry.lines.node, np.arange(width(), len(geometry.panels), width()))
+    nodes = [np.unique(each) for each in of_vectors]
+    share = [np.equal.outer(node, each) for node, each in zip(nodes, of_vectors, strict=True)]
+    lanes = [np.pad(each, ((0, 0), (0, width() - each.shape[1]))) for each in share]
+    return np.cumsum([0, *map(len, nodes)]), np.concatenate(nodes), np.concatenate(lanes).astype(np.float64)
+
+
+def line_table(geometry: HullGeometry) -> NDArray[np.float64]:
+    """Line table, [pair, 9]: first points of both lines of a pair, and their common step, m, b."""
+    start, step = geometry.lines.start, geometry.lines.step
+    return np.concatenate([start[::2], start[1::2], step[::2]], axis=1)
 
 
 @ti.func
@@ -41,9 +120,9 @@ def at_centre(
 
     `sea` and `phase`, with `count` components, are in lanes. The 18 numbers returned are displacement (D_N, D_E) and
     Jacobian (J_XX, J_XY, J_YY) of the label; elevation (ELEVATION, m, up) and slopes along and across the heading
-    (ALONG, ACROSS) of the mean plane; and the water's motion averaged over the hull at gauge.depth: velocity (V_N, V_E,
-    V_D, m/s, n), acceleration (A_N, A_E, A_D), roll and pitch rate about the heading axes (P, Q, rad/s) and their rates
-    (P_DOT, Q_DOT).
+    (SLOPE_ALONG, SLOPE_ACROSS) of the mean plane; and the water's motion averaged over the hull at gauge.depth:
+    velocity (V_N, V_E, V_D, m/s, n), acceleration (A_N, A_E, A_D), roll and pitch rate about the heading axes (P, Q,
+    rad/s) and their rates (P_DOT, Q_DOT).
     """
     r = ti.static(variables(SUMS, sea[s, AMPLITUDE, 0] * 0.0))
     cos_u, sin_u = cos_h * gauge.along.scale, sin_h * gauge.along.scale
@@ -74,8 +153,8 @@ def at_centre(
         r[J_XY] += ky * bx_cosine
         r[J_YY] += ky * by_cosine
         r[ELEVATION] += mean * (a * cosine)
-        r[ALONG] = r[ALONG] - slope_u * a_sine
-        r[ACROSS] = r[ACROSS] - slope_v * a_sine
+        r[SLOPE_ALONG] = r[SLOPE_ALONG] - slope_u * a_sine
+        r[SLOPE_ACROSS] = r[SLOPE_ACROSS] - slope_v * a_sine
         r[V_N] += speed_h * bx_cosine
         r[V_E] += speed_h * by_cosine
         r[V_D] = r[V_D] - mean * up_sine
@@ -125,7 +204,7 @@ def displacement(gauge: ti.template(), build: ti.template(), around: ti.template
 def mean_plane(sums, R):
     """Elevation (m, up) of the mean surface plane, and its slopes towards north and east."""
     cos_h, sin_h = heading(R)
-    along, across = sums[ALONG], sums[ACROSS]
+    along, across = sums[SLOPE_ALONG], sums[SLOPE_ACROSS]
     return ti.Vector([sums[ELEVATION], along * cos_h - across * sin_h, along * sin_h + across * cos_h])
 
 
@@ -159,3 +238,147 @@ def freeboard(deck: ti.template(), R, z, plane):
         r = R @ taken2(deck, c, 3)
         lowest = ti.min(lowest, -(z + r[2]) - plane[0] - plane[1] * r[0] - plane[2] * r[1])
     return lowest
+
+
+@ti.func
+def pressure_load(
+    sizes: ti.template(), build: ti.template(), around: ti.template(), tables: ti.template(), aux: ti.template(),
+    e, i, tau, pos, R, L, J, plane
+):  # fmt: skip
+    """Load (N, N m, about CO, b) on vehicle i in environment e, tau s after the beginning of a step.
+
+    The heads are written to the auxiliary state. `sizes` is a Pressure; L and J come from `at`, `plane`
+    from `mean_plane`.
+    """
+    write_heads(sizes, build, around, tables.lines, aux, e, i, tau, pos, R, L, J, plane)
+    return panel_load(sizes, tables, aux, e, i, pos[2], R, plane)
+
+
+@ti.func
+def write_heads(
+    sizes: ti.template(), build: ti.template(), around: ti.template(), lines: ti.template(), aux: ti.template(),
+    e, i, tau, pos, R, L, J, plane
+):  # fmt: skip
+    """Write the wave's pressure head (m), and its change to starboard, at every point of the wave lines to aux."""
+    s = around.env_sea[e]
+    for pair in range(lines.shape[0]):
+        h = R @ ti.Vector([lines[pair, STEP + c] for c in ti.static(range(3))])
+        step = ti.Vector([J[0] * h[0] + J[1] * h[1], J[1] * h[0] + J[2] * h[1]])
+        across = ti.Vector([J[0] * R[0, 1] + J[1] * R[1, 1], J[1] * R[0, 1] + J[2] * R[1, 1]])
+        r_a = R @ ti.Vector([lines[pair, POINT_A + c] for c in ti.static(range(3))])
+        r_b = R @ ti.Vector([lines[pair, POINT_B + c] for c in ti.static(range(3))])
+        a = line_start(sizes.points, r_a, h, pos, L, J, plane)
+        b = line_start(sizes.points, r_b, h, pos, L, J, plane)
+        found = along_pair(build, around, sizes.points, s, e, a, b, step, across, tau)
+        size = ti.static(2 * sizes.points)
+        first = ti.static(sizes.first) + pair * size
+        for c in ti.static(range(size)):
+            aux[e, i, first + c], aux[e, i, first + ti.static(sizes.nodes) + c] = found[c], found[size + c]
+
+
+@ti.func
+def line_start(points: ti.template(), r, h, pos, L, J, plane):
+    """Label of a line's first point, at r from CO (m, n), its depth below the mean plane, and the change of depth per
+    step.
+
+    h (m, n) is the step. The end of a line that is in the air counts as on the surface.
+    """
+    last = ti.static(max(points - 1, 1))
+    d = pos[2] + r[2] + plane[0] + plane[1] * r[0] + plane[2] * r[1]
+    end = d + last * (h[2] + plane[1] * h[0] + plane[2] * h[1])
+    d, end = ti.max(d, 0.0), ti.max(end, 0.0)
+    X, Y = L[0] + J[0] * r[0] + J[1] * r[1], L[1] + J[1] * r[0] + J[2] * r[1]
+    return ti.Vector([X, Y, d, (end - d) * ti.static(1.0 / last)])
+
+
+@ti.func
+def along_pair(
+    build: ti.template(), around: ti.template(), points: ti.template(), s, e, a, b, step, across, tau
+):  # fmt: skip
+    """Dynamic pressure head p / (rho g) (m) at `points` points on each of two parallel lines.
+
+    `a` and `b` hold, for each line, the label and the depth (m, below the mean plane) of its first point, and the
+    change of depth per step. `step` is the change of label per step, the same for both. Returns the heads on a and on
+    b, and their changes (m/m) in the direction `across` of labels.
+
+    Each head is a mean over one step's length around the point, so that a row of panels adds up to the integral along
+    it. Two lines share the terms that depend on their direction, and hide each other's latency.
+    """
+    sea = ti.static(around.waves)
+    found = ti.static(variables(4 * points, sea[s, AMPLITUDE, 0] * 0.0))
+    for c in range(ti.static(blocks(build.components))):
+        kx, ky, k, omega = sea[s, KX, c], sea[s, KY, c], sea[s, K, c], sea[s, OMEGA, c]
+        rate = k
+        if ti.static(build.finite):
+            rate = omega * omega * ti.static(1 / GRAVITY)
+        # Half a turn also gives the mean over a step's length, by its sinc. Waves shorter than a step cancel.
+        turn, k_across = kx * step[0] + ky * step[1], kx * across[0] + ky * across[1]
+        half = fast.at_least(fast.at_most(0.5 * turn, HALF_TURN), -HALF_TURN)
+        sinc, half_cosine = fast.sinc_short(half), fast.cos_short(half)
+        half_sine = half * sinc
+        cosine_step, sine_step = 1 - 2 * half_sine * half_sine, 2 * half_sine * half_cosine
+        amplitude, start = sea[s, AMPLITUDE, c] * sinc, around.turns[e, c] - omega * tau
+        sine_a, cosine_a = fast.sincos_short(kx * a[0] + ky * a[1] + start)
+        sine_b, cosine_b = fast.sincos_short(kx * b[0] + ky * b[1] + start)
+        decayed_a, decayed_b = amplitude * fast.exp_decay(rate * a[2]), amplitude * fast.exp_decay(rate * b[2])
+        m_a, m_b = fast.exp_near_one(rate * a[3]), fast.exp_near_one(rate * b[3])
+        re_a, im_a, re_b, im_b = decayed_a * cosine_a, decayed_a * sine_a, decayed_b * cosine_b, decayed_b * sine_b
+        step_re_a, step_im_a = m_a * cosine_step, m_a * sine_step
+        step_re_b, step_im_b = m_b * cosine_step, m_b * sine_step
+        for i in ti.static(range(points)):
+            found[i] += re_a
+            found[points + i] += re_b
+            found[2 * points + i] = found[2 * points + i] - k_across * im_a
+            found[3 * points + i] = found[3 * points + i] - k_across * im_b
+            if ti.static(i < points - 1):
+                t_a, t_b = re_a * step_re_a - im_a * step_im_a, re_b * step_re_b - im_b * step_im_b
+                im_a, im_b = re_a * step_im_a + im_a * step_re_a, re_b * step_im_b + im_b * step_re_b
+                re_a, re_b = t_a, t_b
+    return totals(found)
+
+
+@ti.func
+def strip_moments(p_c, d):
+    """hydrostatics.pressure_moments, split into the head up to 2 |d| (a ramp that begins in the strip) and the rest."""
+    size = fast.at_least(d, 0.0 - d)
+    wet = fast.at_least(p_c + size, 0.0)
+    ramp = fast.at_most(wet, 2 * size)
+    over = wet - ramp
+    inverse = 1.0 / (2 * size + 1e-12)
+    w = ramp * inverse
+    m = 0.5 * ramp * w
+    m1 = m * (1 - w * (2.0 / 3)) * (2 * d * inverse)
+    return m + over, m1, m * (1 - w * (4.0 / 3 - w * (2.0 / 3))) + over * (1.0 / 3)
+
+
+@ti.func
+def along(panels: ti.template(), row: ti.template(), p, v):
+    """Dot product of v with the vector that begins at `row` of the panel table."""
+    return v[0] * panels[row, p] + v[1] * panels[row + 1, p] + v[2] * panels[row + 2, p]
+
+
+@ti.func
+def panel_load(sizes: ti.template(), tables: ti.template(), aux: ti.template(), e, i, z, R, plane):
+    """Load (N, N m, about CO, b) of the heads in the auxiliary state, with CO at the depth z (m) below mean sea level.
+
+    Over a panel, the wave's pressure changes with the mean surface plane.
+    """
+    k = ti.Vector([R[2, 0], R[2, 1], R[2, 2]])  # downwards in b
+    g = R.transpose() @ ti.Vector([plane[1], plane[2], 0.0])  # slope of the surface plane in b
+    panels = ti.static(tables.panels)
+    sums = ti.static(variables(6, panels[0, 0] * 0.0))
+    slope_b = k + g  # gradient of the pressure head, b
+    for p in range(ti.static(blocks(sizes.panels))):
+        p_c = z + along(panels, CENTRE, p, k) + panels[AHEAD, p] * g[0]
+        for n in range(tables.reads[p], tables.reads[p + 1]):
+            head = aux[e, i, tables.node[n]]
+            p_c += tables.share[n] * (head + panels[ACROSS, p] * aux[e, i, tables.node[n] + ti.static(sizes.nodes)])
+        d1 = along(panels, ALONG, p, slope_b)
+        d2 = along(panels, UP, p, slope_b)
+        d3 = along(panels, TWIST, p, slope_b)
+        first = strip_moments(p_c - d1, d2 - d3)
+        second = strip_moments(p_c + d1, d2 + d3)
+        for row in ti.static(range(SECOND)):
+            m, j = ti.static(WRENCH_ROWS[row])
+            sums[j] += panels[WRENCH + row, p] * first[m] + panels[WRENCH + SECOND + row, p] * second[m]
+    return ti.static(-RHO_SEA * GRAVITY) * totals(sums)
