@@ -7,7 +7,12 @@ import pytest
 import torch
 from torch import Tensor
 
-from rl.guidance.controllers.fixed_wing_6dof import FixedWing6DofController, velocity_through_air
+from rl.guidance.controllers.fixed_wing_6dof import (
+    FixedWing6DofController,
+    FixedWing6DofGains,
+    FlightCommand,
+    velocity_through_air,
+)
 from rl.learn.policy import ClassicalPolicy
 from rl.mission import ControllerError
 from rl.missions import load_scenario
@@ -86,3 +91,27 @@ def test_aircraft_keep_their_slots_in_a_steady_wind_of_a_third_of_their_airspeed
     met = team.fleet.aux[..., team.fleet.model.aux_names.index("wind_north") :][..., :3]
     assert float(met.norm(dim=-1).min()) > 7.0
     torch.testing.assert_close(wind, met, atol=1e-3, rtol=0)
+
+
+def test_a_faster_course_loop_turns_sooner_and_settles():
+    task = make(*CALM)
+    team = task.teams["uav"]
+    start, nothing = team.fleet.velocity_n.clone(), torch.zeros_like(team.distance)
+    c, s = 0.9903, 0.1392  # 8 degrees to starboard
+    way = torch.stack((c * start[..., 0] - s * start[..., 1], s * start[..., 0] + c * start[..., 1], nothing), dim=-1)
+    wanted = FlightCommand(way, (nothing, nothing), torch.ones_like(nothing, dtype=torch.bool))
+    saved, left = task.snapshot(), {}
+    for gain in (1.0, 1.56):
+        task.restore(saved)
+        gains = FixedWing6DofGains(course=gain)
+        pilot = FixedWing6DofController(team.fleet.model, gains)
+        courses = []
+        for _ in range(10):
+            task.step({"uav": pilot.act(team, wanted)})
+            v = team.fleet.velocity_n
+            courses.append(torch.atan2(v[..., 0] * way[..., 1] - v[..., 1] * way[..., 0], (v * way)[..., :2].sum(-1)))
+        left[gain] = torch.stack(courses) / 0.1396
+    assert float(left[1.0][3].min()) > 0.2  # after 0.8 s
+    assert float(left[1.56][3].abs().max()) < 0.1
+    assert float(left[1.56].min()) > -0.2  # it overshoots by a sixth at most
+    assert float(left[1.56][-1].abs().max()) < 0.05

@@ -42,6 +42,7 @@ class FixedWing6DofGains(AvoidanceGains):
     """Gains, tuned by rl/tune.py on `aerosonde`."""
 
     acceleration: Positive = 3.0
+    course: Positive = 1.0  # gain of the course loop, over the autopilot's
     bank_share: Positive = 0.5  # deceleration aside, as a share of the largest bank's acceleration
     leader_share: Positive = 0.5  # bank of a leader that returns to its slot from ahead, as a share of the largest
     closing_share: Positive = 0.3  # limit of what an error along adds, as a share of the range of airspeeds
@@ -72,6 +73,7 @@ class FixedWing6DofController(SlotController):
         self.gains = gains or FixedWing6DofGains()
         self.avoid = Avoider(self.gains)
         self.actions, self.loops, self.limits = model.actions, model.gains, model.autopilot_limits
+        self.course = self.gains.course * model.gains.course
         self.k_aside = behind(1 / model.gains.course)
         self.k_along = behind(1 / (2 * ZETA * GRAVITY * model.gains.pitch_airspeed))
         self.side = GRAVITY * self.limits.tan_bank  # m/s^2 in the steepest bank
@@ -122,7 +124,7 @@ class FixedWing6DofController(SlotController):
         slot_x, slot_y = into(turning(team, team.now.slot_velocity)[..., :2], nose)
         steady = torch.where(wanted.evading, 0.0, (x * slot_y - y * slot_x) / square)
         chasing = torch.where(wanted.evading, 0.0, (x * wanted.change[1] - y * wanted.change[0]) / square)
-        back = chasing + self.loops.course * torch.atan2(y, x)
+        back = chasing + self.course * torch.atan2(y, x)
         limit = 2 * most  # from one bank to the other
         limit[:, 0] = torch.where(wanted.evading | (x < 0), limit, self.gains.leader_share * most)[:, 0]
         return steady + torch.minimum(torch.maximum(back, -limit), limit)
