@@ -113,15 +113,7 @@ class PropellerPair(Strict):
             )
         return given
 
-    @property
-    def thrust_max(self) -> float:
-        """Largest thrust of one propeller with gain 1, N."""
-        return self.k_positive * self.n_max**2
-
-    @property
-    def thrust_min(self) -> float:
-        """Smallest thrust of one propeller with gain 1, N, not above 0."""
-        return -self.k_negative * self.n_min**2
+    thrust_max, thrust_min = Thruster.thrust_max, Thruster.thrust_min  # of one propeller with gain 1, N
 
     @property
     def both(self) -> tuple[Thruster, Thruster]:
