@@ -1,5 +1,6 @@
 """The classical controller of aircraft: arcs against closed forms, and how aircraft find and keep their slots."""
 
+import math
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -97,7 +98,8 @@ def test_a_faster_course_loop_turns_sooner_and_settles():
     task = make(*CALM)
     team = task.teams["uav"]
     start, nothing = team.fleet.velocity_n.clone(), torch.zeros_like(team.distance)
-    c, s = 0.9903, 0.1392  # 8 degrees to starboard
+    turn = math.radians(8.0)  # to starboard; the largest bank is not reached
+    c, s = math.cos(turn), math.sin(turn)
     way = torch.stack((c * start[..., 0] - s * start[..., 1], s * start[..., 0] + c * start[..., 1], nothing), dim=-1)
     wanted = FlightCommand(way, (nothing, nothing), torch.ones_like(nothing, dtype=torch.bool))
     saved, left = task.snapshot(), {}
@@ -110,7 +112,7 @@ def test_a_faster_course_loop_turns_sooner_and_settles():
             task.step({"uav": pilot.act(team, wanted)})
             v = team.fleet.velocity_n
             courses.append(torch.atan2(v[..., 0] * way[..., 1] - v[..., 1] * way[..., 0], (v * way)[..., :2].sum(-1)))
-        left[gain] = torch.stack(courses) / 0.1396
+        left[gain] = torch.stack(courses) / turn
     assert float(left[1.0][3].min()) > 0.2  # after 0.8 s
     assert float(left[1.56][3].abs().max()) < 0.1
     assert float(left[1.56].min()) > -0.2  # it overshoots by a sixth at most

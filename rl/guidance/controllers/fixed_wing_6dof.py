@@ -16,8 +16,9 @@ holds the speed over ground. A coordinated turn of the course chi_a through the 
 
     tan phi = (V_a / g) (chi_a*' + k_course (chi_a* - chi_a)).
 
-A leader turns back to its slot with at most leader_share of the bank, so that its followers can turn with it. The climb
-demand is the slot's climb plus k_height times the height error; pitch follows as in the autopilot's own loop.
+k_course is the autopilot's own gain times `course`; at 1 aircraft evade later than avoidance counts on. A leader turns
+back to its slot with at most leader_share of the bank, so that its followers can turn with it. The climb demand is the
+slot's climb plus k_height times the height error; pitch follows as in the autopilot's own loop.
 """
 
 from typing import NamedTuple
