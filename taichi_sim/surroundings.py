@@ -46,7 +46,7 @@ class Surroundings:
         self._pack = runtime.Packed(
             AroundPack, sea=self.sea, env_sea=self.env_sea, phase=self.phase, current=self.current, wind=self.wind,
             air=air, turbulence=air if self.turbulence is None else self.turbulence, count=self.noise.table,
-            waves=_filled_up(self.sea), turns=lanes.laned(self.phase),
+            waves=_filled_up(self.sea).flatten(0, -2), turns=lanes.laned(self.phase),
         )  # fmt: skip
 
     @classmethod
@@ -80,7 +80,7 @@ class Surroundings:
         """The AroundPack for kernels; the same object from step to step."""
         if self.sea.shape[2] % lanes.width():  # padding makes copies
             for name, values in (("waves", self.sea), ("turns", self.phase)):
-                self._pack.members[name].flatten(-2)[..., : values.shape[-1]] = values
+                self._pack.members[name].view(*values.shape[:-1], -1)[..., : values.shape[-1]] = values
         return self._pack()
 
     def elevation(self, points: Tensor) -> Tensor:

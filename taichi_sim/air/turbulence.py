@@ -41,8 +41,8 @@ import math
 import taichi as ti
 
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.abreast import is_laned
 from taichi_sim.kernels.fast import exp
+from taichi_sim.kernels.lanes import is_laned
 
 STATES = 5  # per vehicle: one of u, two of v, two of w
 

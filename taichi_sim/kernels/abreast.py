@@ -34,23 +34,7 @@ from taichi.lang.common_ops import TaichiOperations
 from taichi.lang.expr import Expr
 
 from taichi_sim.kernels import lanes
-from taichi_sim.kernels.lanes import part
-
-AUGMENTED: dict[str, Callable[[Any, Any], Any]] = {
-    "Add": operator.add, "Sub": operator.sub, "Mult": operator.mul, "Div": operator.truediv
-}  # fmt: skip
-
-
-def in_kernels(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Mark a Python function that kernels call while they are compiled."""
-    function._is_wrapped_kernel = True
-    return function
-
-
-@in_kernels
-def is_laned(x: object) -> bool:
-    """Whether x is a number of each vehicle of a group."""
-    return isinstance(x, Expr) and x.is_tensor() and x.get_shape() == (lanes.WIDTH,) and lanes.whole()
+from taichi_sim.kernels.lanes import AUGMENTED, align_stack, in_kernels, is_laned, part
 
 
 class Laned(TaichiOperations):
@@ -126,7 +110,8 @@ def _entry(x: Any, k: int) -> Any:
 @cache
 def teach() -> None:
     """Let Taichi's front end treat `Laned` as a vector, and compile all operators for whole vectors."""
-    kept, made, product, assigned = impl.expr_init, matrix.make_matrix, matrix_ops.matmul, Expr._augassign
+    lanes.teach()
+    kept, made, product = impl.expr_init, matrix.make_matrix, matrix_ops.matmul
 
     def expr_init(x: Any) -> Any:
         return Laned(x.entries, x.columns) if isinstance(x, Laned) else kept(x)
@@ -139,12 +124,6 @@ def teach() -> None:
 
     def matmul(a: Any, b: Any) -> Any:
         return a._times(b) if isinstance(a, Laned) else product(a, b)
-
-    def augassign(x: Expr, other: Any, by: str) -> None:
-        if is_laned(x) and by in AUGMENTED:
-            x._assign(AUGMENTED[by](x, other))
-        else:
-            assigned(x, other, by)
 
     def by_entries(plain: Callable[..., Any]) -> Callable[..., Any]:
         def operation(function: Any, of_python: Any, *args: Any) -> Any:
@@ -161,7 +140,7 @@ def teach() -> None:
 
         return operation
 
-    impl.expr_init, matrix.make_matrix, matrix_ops.matmul, Expr._augassign = expr_init, make_matrix, matmul, augassign
+    impl.expr_init, matrix.make_matrix, matrix_ops.matmul = expr_init, make_matrix, matmul
     for name in ("_unary_operation", "_binary_operation", "_ternary_operation"):
         setattr(ops, name, by_entries(getattr(ops, name)))
 
@@ -193,6 +172,7 @@ def group(width: ti.template(), first, envs, count):
 
     Vehicles are counted through all `envs` environments, `count` in each. Members beyond the last are copies of it.
     """
+    align_stack()
     e, i = first // count, first % count
     if ti.static(width > 1):
         envs_of, numbers_of = ti.Vector([e] * width), ti.Vector([i] * width)

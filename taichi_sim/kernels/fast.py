@@ -9,7 +9,8 @@ are used, because precision matters there and speed does not.
 import taichi as ti
 
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.abreast import bit_cast, is_laned
+from taichi_sim.kernels.abreast import bit_cast
+from taichi_sim.kernels.lanes import is_laned
 
 TWO_PI_HI = 6.28125  # exact in 11 bits: n * TWO_PI_HI is exact in f32 for |n| < 8192
 TWO_PI_LO = 1.9353071795864769e-3

@@ -12,8 +12,8 @@ from taichi.lang import impl
 from taichi.lang.struct import StructType
 
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.abreast import Record, in_kernels, is_laned, taken
-from taichi_sim.kernels.lanes import laned2, laned3
+from taichi_sim.kernels.abreast import Record, taken
+from taichi_sim.kernels.lanes import in_kernels, is_laned, laned1, laned2, laned3
 from taichi_sim.kernels.runtime import array1, array2, array3, whole1
 
 PART = 32  # numbers that are read at a time: Taichi warns of longer loops without need
@@ -27,11 +27,11 @@ FleetPack = ti.types.argpack(
 
 AroundPack = ti.types.argpack(
     sea=array3, env_sea=whole1, phase=array2, current=array2, wind=array2, air=array1,
-    turbulence=array1, count=whole1, waves=laned3, turns=laned2,
+    turbulence=array1, count=whole1, waves=laned1, turns=laned2,
 )  # fmt: skip
 """The surroundings (surroundings.py). `air` = (shear, w20, w20_factor) comes from `Wind.numbers`. `turbulence` [env] is
 a factor of the turbulence intensity; it is read only where the factor varies. `count` [2 + env] is the counter of
-random numbers (random.py). `waves` and `turns` are `sea` and `phase` as vectors (lanes.py)."""
+random numbers (random.py). `waves` and `turns` are `sea` and `phase` as vectors (lanes.py), `waves` without axes."""
 
 TouchPack = ti.types.argpack(way=array3, pressing=array3, soles=array3, struck=array3, blow=array3)
 """Nearby decks and remembered contacts of a team with legs, each [env, vehicle, n] (contact/touch.py)."""

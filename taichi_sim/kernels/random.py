@@ -25,7 +25,8 @@ import torch
 from torch import Tensor
 
 from taichi_sim.kernels import fast, runtime
-from taichi_sim.kernels.abreast import bit_cast, cast, is_laned
+from taichi_sim.kernels.abreast import bit_cast, cast
+from taichi_sim.kernels.lanes import is_laned
 from taichi_sim.kernels.runtime import array1, array2, whole1
 
 # Streams: one for each use of random numbers, so that no two uses share them.

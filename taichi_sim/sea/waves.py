@@ -42,10 +42,9 @@ deep water.
 
 import taichi as ti
 
-from taichi_sim.conventions import AMPLITUDE, BX, BY, KX, KY, OMEGA, K
+from taichi_sim.conventions import AMPLITUDE, BX, BY, KX, KY, OMEGA, SEA_ROWS, K
 from taichi_sim.kernels import fast
-from taichi_sim.kernels.abreast import is_laned
-from taichi_sim.kernels.lanes import WIDTH, blocks, totals, variables
+from taichi_sim.kernels.lanes import WIDTH, blocks, is_laned, row_of, totals, variables
 
 SMALLEST_DETERMINANT = 1e-4  # lower limit of the Jacobian in Newton's method, to keep a step finite at a cusp
 
@@ -118,19 +117,26 @@ def displacement_and_corners(around: ti.template(), count: ti.template(), e, X, 
 
 
 @ti.func
+def component(waves: ti.template(), count: ti.template(), s, c, rows: ti.template()):
+    """Rows (conventions.py) of vector c of the `count` components of sea s; `waves` is the table in lanes, flat."""
+    size = ti.static(blocks(count))
+    first = row_of(s, ti.static(SEA_ROWS * size)) + c
+    return [waves[first + row * size] for row in ti.static(rows)]
+
+
+@ti.func
 def _corner_sums(around: ti.template(), count: ti.template(), e, x, y, fx, fy, gx, gy, tau):
     """`displacement_and_corners` of one vehicle: (D north, D east, four elevations), of lengths over 2 pi."""
-    sea = ti.static(around.waves)
     s = around.env_sea[e]
-    r = ti.static(variables(6, sea[s, AMPLITUDE, 0] * 0.0))
+    r = ti.static(variables(6, around.waves[0] * 0.0))
     for c in range(ti.static(blocks(count))):
-        a, kx, ky = sea[s, AMPLITUDE, c], sea[s, KX, c], sea[s, KY, c]
-        middle = kx * x + ky * y + fast.INV_TWO_PI * (around.turns[e, c] - sea[s, OMEGA, c] * tau)
+        a, kx, ky, omega, bx, by = component(around.waves, count, s, c, (AMPLITUDE, KX, KY, OMEGA, BX, BY))
+        middle = kx * x + ky * y + fast.INV_TWO_PI * (around.turns[e, c] - omega * tau)
         ahead, right = kx * fx + ky * fy, kx * gx + ky * gy
         bow, stern = middle + ahead, middle - ahead
         sine = fast.sin_turns(middle)
-        r[0] += sea[s, BX, c] * sine
-        r[1] += sea[s, BY, c] * sine
+        r[0] += bx * sine
+        r[1] += by * sine
         r[2] += a * fast.cos_turns(bow - right)
         r[3] += a * fast.cos_turns(bow + right)
         r[4] += a * fast.cos_turns(stern - right)

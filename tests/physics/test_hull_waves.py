@@ -8,7 +8,7 @@ import torch
 from taichi_sim.config.io import load_world
 from taichi_sim.conventions import GRAVITY, RHO_SEA
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.lanes import laned, laned2, laned3
+from taichi_sim.kernels.lanes import laned, laned1, laned2
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components, wavenumber
@@ -38,9 +38,9 @@ def heads_at(team, euler, heave):
     team.state[:, 0, 3:7] = torch_quaternion_from_euler(*torch.as_tensor(euler).T)
     R = torch_rotation_matrix(team.state[:, 0, 3:7]).numpy()
     team.step([-1.0, 0.0])
-    nodes = team.model.pressure.nodes
-    heads = team.aux[:, 0, len(team.model.aux_names) :].numpy()
-    return heads[:, :nodes], heads[:, nodes : 2 * nodes], R
+    sizes, aux = team.model.pressure, team.aux[:, 0].numpy()
+    heads = sizes.column(np.arange(sizes.groups * sizes.size))
+    return aux[:, heads], aux[:, heads + sizes.size], R
 
 
 @pytest.mark.slow
@@ -93,7 +93,7 @@ def centre_of(gauge, sea, finite=False, heading=0.0, tau=0.0):
     cos_h, sin_h = float(np.cos(heading)), float(np.sin(heading))
 
     @ti.kernel
-    def kernel(out: ti.types.ndarray(ndim=2), table: laned3, phase: laned2, t: ti.f64):
+    def kernel(out: ti.types.ndarray(ndim=2), table: laned1, phase: laned2, t: ti.f64):
         for s in range(out.shape[0]):
             zero = t * 0.0
             r = water.at_centre(table, phase, count, gauge, finite, s, s, zero, zero, t, zero + cos_h, zero + sin_h)
@@ -105,7 +105,7 @@ def centre_of(gauge, sea, finite=False, heading=0.0, tau=0.0):
     out = torch.empty((sea.num_seas, 18), dtype=runtime.current().torch_dtype)
     results = []
     for t in np.atleast_1d(tau):
-        kernel(out, laned(sea.table), laned(phase), float(t))
+        kernel(out, laned(sea.table).flatten(0, -2), laned(phase), float(t))
         results.append(out.numpy().copy())
     return results[0] if np.ndim(tau) == 0 else results
 

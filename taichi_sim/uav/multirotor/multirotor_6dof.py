@@ -28,7 +28,8 @@ from taichi_sim.contact.touch import SOLE_SIZE
 from taichi_sim.conventions import AMPLITUDE, DOWN
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, lanes
-from taichi_sim.kernels.abreast import group, is_laned, put, some, taken, taken1, taken2
+from taichi_sim.kernels.abreast import group, put, some, taken, taken1, taken2
+from taichi_sim.kernels.lanes import is_laned
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, TouchPack, load_at, own_numbers
 from taichi_sim.kernels.rotation import UPRIGHT, attitude_of, position_of, rates_of, store, velocity_of
 from taichi_sim.sea import waves

@@ -39,12 +39,13 @@ class WaveLines:
     needs a line through the points at which its pressure is evaluated: the middle of its wet part at the design
     waterline. Rows side by side that are closer than waves can resolve, such as the two sides of a slender pontoon,
     share a line and use the pressure's change across it. Single panels, and rows that are dry at rest, use the nearest
-    point of a line. Lines come in adjacent, parallel pairs, port and starboard, with the same step; a line without a
-    parallel is its own partner.
+    point of a line. Lines come in adjacent, parallel pairs, port and starboard, with the same step, if at least half of
+    the lines have a parallel; a line without one is its own partner.
     """
 
     start: Array  # [line, 3] first point, m, b
     step: Array  # [line, 3] from one point to the next, m; the same in a pair
+    abreast: int  # 2 for lines in pairs, else 1
     points: int
     node: NDArray[np.int32]  # [N] line * points + index of the point that each panel reads
     across: Array  # [N] distance of a panel's wave point to starboard of the point that it reads, m
@@ -84,7 +85,8 @@ def wave_lines(panels: Panels) -> WaveLines:
     bundles = _bundles(pieces, point)
     points = max(len(piece) for piece in pieces)
     middles = [np.mean([point[piece] for piece in bundle], axis=0) for bundle in bundles]
-    start, step, bundles = _pair([(b, *_fit(middle)) for b, middle in zip(bundles, middles, strict=True)], points)
+    lines = [(bundle, *_fit(middle)) for bundle, middle in zip(bundles, middles, strict=True)]
+    start, step, bundles, abreast = _pair(lines, points)
     node = np.full(len(panels), -1, dtype=np.int32)
     for line, bundle in enumerate(bundles):
         for piece in bundle:
@@ -95,7 +97,7 @@ def wave_lines(panels: Panels) -> WaveLines:
     for panel in np.flatnonzero(alone):
         node[panel] = used[np.argmin(np.linalg.norm(place[used] - point[panel], axis=1))]
     offset = np.where(alone[:, None], 0.0, point - place[node])
-    return WaveLines(start, step, points, node, across=offset[:, 1], ahead=offset[:, 0])
+    return WaveLines(start, step, abreast, points, node, across=offset[:, 1], ahead=offset[:, 0])
 
 
 def _dry(panels: Panels) -> NDArray[np.bool_]:
@@ -128,8 +130,11 @@ def _forward(piece: NDArray[np.int64], point: Array) -> NDArray[np.int64]:
     return piece if way[np.abs(way).argmax()] >= 0 else piece[::-1]
 
 
-def _pair(lines: list[tuple], points: int) -> tuple[Array, Array, list]:
-    """Starts, steps and bundles of `lines` = (bundle, start, step), in pairs of nearly the same step."""
+def _pair(lines: list[tuple], points: int) -> tuple[Array, Array, list, int]:
+    """Starts, steps and bundles of `lines` = (bundle, start, step) in pairs of nearly the same step, and 2.
+
+    If fewer than half of the lines have a parallel: of the lines as they are, and 1.
+    """
     start, step, bundles, left = [], [], [], list(lines)
     while left:
         bundle, at, way = left.pop(0)
@@ -141,7 +146,10 @@ def _pair(lines: list[tuple], points: int) -> tuple[Array, Array, list]:
         start += [at + half * (way - mean), at_b + half * (way_b - mean)]
         step += [mean, mean]
         bundles += [bundle, bundle_b]
-    return np.array(start), np.array(step), bundles
+    if len(bundles) > 1.5 * len(lines):
+        bundles, start, step = zip(*lines, strict=True)
+        return np.array(start), np.array(step), list(bundles), 1
+    return np.array(start), np.array(step), bundles, 2
 
 
 def _fit(points: Array) -> tuple[Array, Array]:

@@ -42,7 +42,7 @@ from taichi_sim.conventions import EAST, ELEVATION, FREEBOARD, NORTH
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken2
-from taichi_sim.kernels.lanes import filled, laned, laned1, laned2, laned3, vectors
+from taichi_sim.kernels.lanes import align_stack, laned, laned1, laned3, vectors
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, own_numbers
 from taichi_sim.kernels.rigid_body import angular, linear
 from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix, store
@@ -62,17 +62,17 @@ from taichi_sim.vehicle import Limits
 __all__ = ["Hull6Dof", "Hull6DofParams"]
 
 TablesPack = ti.types.argpack(
-    panels=laned2,
+    panels=laned1,
     reads=whole1,
     node=whole1,
     share=laned1,
     lines=array2,
     deck=array2,
     filters=laned1,
-    diffraction=laned3,
+    diffraction=laned1,
 )
-"""Tables of the parts: panels, their reads of pressure heads in the auxiliary state, and pairs of wave lines
-(water.py); corners of the deck (geometry.py); filters of the memory, and diffraction in one sea (radiation.py)."""
+"""Tables of the parts: panels, their reads of pressure heads in the auxiliary state, and wave lines (water.py);
+corners of the deck (geometry.py); filters of the memory, and diffraction in one sea (radiation.py)."""
 SEAS = 4  # number of seas for which a model keeps tables
 SeaKey = tuple[int, int, tuple[int, ...]]  # address, version and shape of a sea's tensor
 
@@ -128,9 +128,8 @@ class Hull6Dof(Vessel):
             self.thrusters, self.drive = MmgDrive(params.mmg, motion.CONTROLS), mmg_drive
         self.aux_names = (*motion.AUX, *self.thrusters.columns)
         self.pressure = water.Pressure.of(self.geometry, len(self.aux_names))
-        first = filled(len(self.aux_names) + self.pressure.columns)
-        self.radiation = radiation_of(params, self.geometry, dt, substeps, first)
-        self.aux_size = first + self.radiation.columns
+        self.radiation = radiation_of(params, self.geometry, dt, substeps, self.pressure.end)
+        self.aux_size = self.pressure.end + self.radiation.columns
         self.action_names, self.control_names = self.thrusters.action_names, self.thrusters.control_names
         self.backs, self.helm_max = self.thrusters.backs, self.thrusters.helm_max
         self.signals, self.varying = self.thrusters.signals, varying_keys(params)
@@ -316,9 +315,9 @@ class Hull6Dof(Vessel):
             reads, node, share = water.read_tables(g)
             tables = runtime.pack(
                 TablesPack,
-                panels=laned(device_table(water.panel_table(g))),
+                panels=laned(device_table(water.panel_table(g))).transpose(0, 1).flatten(0, 1).contiguous(),
                 reads=device_table(reads).int(),
-                node=device_table(node + self.pressure.first).int(),
+                node=device_table(self.pressure.column(node)).int(),
                 share=device_table(share),
                 lines=device_table(water.line_table(g)),
                 deck=device_table(g.deck_corners),
@@ -336,6 +335,7 @@ class Hull6Dof(Vessel):
     def _step(self, fleet: FleetPack, around: AroundPack, tables: TablesPack, build: ti.template()):
         ti.loop_config(serialize=build.serial)
         for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
+            align_stack()
             self.advance(own_numbers(self, build, fleet.numbers, e, i), build, fleet, around, tables, e, i)
 
     @ti.func
@@ -371,7 +371,9 @@ class Hull6Dof(Vessel):
             plane = water.mean_plane(sums, R)
             blown = motion.wind_load(self.params.windage.height, p, R, nu, air)
             if ti.static(self.by_panels):
-                up = water.pressure_load(self.pressure, build, around, tables, aux, e, i, tau, pos, R, L, J, plane)
+                up = water.pressure_load(
+                    self.pressure, build, around, tables, aux, fleet.lanes, e, i, tau, pos, R, L, J, plane
+                )
                 up += motion.weight_load(p.weight, ti.static(vector(p, "cg", 3)), motion.down(R))
                 now = self.drive.lagged(self.thrusters, p, controls, command, 0.5)
                 driven = self.drive.load(self.thrusters, p, now)
@@ -445,12 +447,19 @@ class Hull6Dof(Vessel):
         out = state.new_empty((*state.shape[:2], 6))
         aux = state.new_zeros((*state.shape[:2], self.aux_size))
         with vectors():
-            self._pressure_load(out, state, aux, around.pack, self.tables(), self.water_build(around))
+            self._pressure_load(out, state, aux, laned(aux), around.pack, self.tables(), self.water_build(around))
         return out
 
     @ti.kernel
     def _pressure_load(
-        self, out: array3, state: array3, aux: array3, around: AroundPack, tables: TablesPack, build: ti.template()
+        self,
+        out: array3,
+        state: array3,
+        aux: array3,
+        rows: laned3,
+        around: AroundPack,
+        tables: TablesPack,
+        build: ti.template(),
     ):
         for e, i in ti.ndrange(state.shape[0], state.shape[1]):
             pos, q, _nu = motion.unpack(ti.Vector([state[e, i, c] for c in range(13)]))
@@ -458,6 +467,6 @@ class Hull6Dof(Vessel):
             D = water.displacement(self.gauge, build, around, e, pos, R)
             sums, L, J = water.at(self.gauge, build, around, e, now, pos, R, D)
             plane = water.mean_plane(sums, R)
-            load = water.pressure_load(self.pressure, build, around, tables, aux, e, i, now, pos, R, L, J, plane)
+            load = water.pressure_load(self.pressure, build, around, tables, aux, rows, e, i, now, pos, R, L, J, plane)
             for c in ti.static(range(6)):
                 out[e, i, c] = load[c]

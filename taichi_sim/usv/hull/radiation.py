@@ -58,8 +58,9 @@ from torch import Tensor
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import AMPLITUDE, KX, KY, OMEGA
 from taichi_sim.kernels import fast
-from taichi_sim.kernels.lanes import blocks, filled, laned, total, totals, variables
+from taichi_sim.kernels.lanes import blocks, filled, laned, row_of, total, totals, variables
 from taichi_sim.kernels.rigid_body import linear, six, times
+from taichi_sim.sea.waves import component
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.hull.database import HydroDatabase, hull_hash
 from taichi_sim.usv.hull.geometry import HullGeometry, device_table
@@ -207,9 +208,8 @@ def diffracted(
     The hull is at the label `label` [2] (m), moves with `velocity` [2] (m/s) and has the heading psi (rad), tau s after
     the beginning of a step. The drift counts as steady. `table` is Diffraction.of in lanes.
     """
-    sea, courses, drifts = ti.static(around.waves, diffraction.courses, diffraction.drifts)
-    s = around.env_sea[e]
-    none = sea[s, AMPLITUDE, 0] * 0.0
+    courses, drifts = ti.static(diffraction.courses, diffraction.drifts)
+    s, none = around.env_sea[e], around.waves[0] * 0.0
     load, rate, bend = ti.static(variables(6, none), variables(6, none), variables(6, none))
     cosines, sines = none, none
     of_cosine, of_sine = ti.static(variables(DRIFT, none), variables(DRIFT, none))
@@ -217,22 +217,24 @@ def diffracted(
     place -= ti.floor(place * ti.static(1 / courses)) * courses
     first = ti.min(ti.cast(place, ti.i32), courses - 1)
     share, n = place - first, s * ti.static(courses + 1) + first
-    for c in range(ti.static(blocks(build.components))):
-        kx, ky, omega = sea[s, KX, c], sea[s, KY, c], sea[s, OMEGA, c]
-        sine, cosine = fast.sincos_short(kx * label[0] + ky * label[1] + around.turns[e, c] - omega * tau)
+    size, heading = ti.static(blocks(build.components), blocks(build.components) * diffraction.size)
+    for c in range(ti.static(size)):
+        a, kx, ky, omega = component(around.waves, build.components, s, c, (AMPLITUDE, KX, KY, OMEGA))
+        here = row_of(n, heading) + c
+        sine, cosine = fast.sincos_short(around.turns[e, c] - omega * tau + kx * label[0] + ky * label[1])
         turn = kx * velocity[0] + ky * velocity[1] - omega  # rate of the phase, rad/s
         for j in ti.static(range(6)):
-            real, imaginary = between(table, n, j, c, share), between(table, n, 6 + j, c, share)
+            real = between(table, here + ti.static(j * size), heading, share)
+            imaginary = between(table, here + ti.static((6 + j) * size), heading, share)
             now = real * cosine - imaginary * sine
             load[j] += now
             rate[j] = rate[j] - turn * (real * sine + imaginary * cosine)
             bend[j] = bend[j] - turn * turn * now
         if ti.static(drifts):
-            amplitude = sea[s, AMPLITUDE, c]
-            cosines += amplitude * cosine
-            sines += amplitude * sine
+            cosines += a * cosine
+            sines += a * sine
             for j in ti.static(range(DRIFT)):
-                mean = between(table, n, WAVE + j, c, share)
+                mean = between(table, here + ti.static((WAVE + j) * size), heading, share)
                 of_cosine[j] += mean * cosine
                 of_sine[j] += mean * sine
     loads, rates, bends = totals(load), totals(rate), totals(bend)
@@ -244,9 +246,9 @@ def diffracted(
 
 
 @ti.func
-def between(table: ti.template(), n, row: ti.template(), c, share):
-    """Entry `row` at a heading that lies `share` of the way from the n-th heading to the next."""
-    return table[n, row, c] + share * (table[n + 1, row, c] - table[n, row, c])
+def between(table: ti.template(), here, heading: ti.template(), share):
+    """Entry `share` of the way from entry `here` to the same of the next heading, `heading` vectors ahead."""
+    return table[here] + share * (table[here + heading] - table[here])
 
 
 class FilterGroup(NamedTuple):
@@ -349,7 +351,7 @@ class Radiation:
         """Tables for kernels: numbers of the memory's `filters`, and `diffraction` loads in a sea (zero without a
         sea).
         """
-        return {"filters": laned(device_table(np.zeros(1))), "diffraction": laned(device_table(np.zeros((1, 1, 1))))}
+        return {"filters": laned(device_table(np.zeros(1))), "diffraction": laned(device_table(np.zeros(1)))}
 
     @ti.func
     def orbital_load(self, M_a: ti.template(), nu_o_dot):
@@ -452,7 +454,7 @@ class DatabaseRadiation(Radiation):
     def tables(self, sea: Tensor | None) -> Mapping[str, Tensor]:
         """Filters and, for a sea, diffraction."""
         tables = {**super().tables(sea), "filters": laned(device_table(self.filters.numbers))}
-        return tables if sea is None else {**tables, "diffraction": laned(self.diffraction.of(sea))}
+        return tables if sea is None else {**tables, "diffraction": laned(self.diffraction.of(sea)).flatten(0, -2)}
 
     @ti.func
     def diffraction_from(

@@ -30,8 +30,9 @@ from numpy.typing import NDArray
 from taichi_sim.conventions import AMPLITUDE, BX, BY, GRAVITY, KX, KY, OMEGA, RHO_SEA, K
 from taichi_sim.kernels import fast
 from taichi_sim.kernels.abreast import taken2
-from taichi_sim.kernels.lanes import blocks, totals, variables, width
+from taichi_sim.kernels.lanes import blocks, filled, laned_totals, totals, variables, width
 from taichi_sim.kernels.rigid_body import cross, six
+from taichi_sim.sea.waves import component
 from taichi_sim.usv.hull.geometry import HullGeometry, averages
 from taichi_sim.usv.hull.hydrostatics import Strips
 
@@ -43,10 +44,10 @@ HALF_TURN = 3.14159265  # rad; waves shorter than a line's step cancel over it
 
 # Rows of the panel table [row, panel] (m, b): middle of the panel; half the vector between its two strips; half a
 # strip's vector, mean of the two and half their difference; position of the panel to starboard and ahead of its wave
-# point; then the unit wrenches of both strips that are not zero (hydrostatics.Strips).
+# point; then the unit wrenches of both strips that are not zero (hydrostatics.Strips). Kernels have them as
+# [vector of panels * PANEL_ROWS + row].
 STRIPS = 2
 CENTRE, ALONG, UP, TWIST, ACROSS, AHEAD, WRENCH = 0, 3, 6, 9, 12, 13, 14
-POINT_A, POINT_B, STEP = 0, 3, 6  # columns of the line table: first points of both lines of a pair, their common step
 # Moment (m0, m1, m2) and component (X Y Z K M N) of the wrench rows of a strip
 WRENCH_ROWS = tuple((m, j) for m in range(3) for j in range(6) if m < 2 or j > 2)
 SECOND = len(WRENCH_ROWS)  # first wrench row of the second strip, counted from WRENCH
@@ -57,20 +58,35 @@ class Pressure(NamedTuple):
     """Compile-time sizes of the pressure kernels."""
 
     panels: int  # number of panels
+    abreast: int  # wave lines that share a step: a group
     points: int  # points per wave line
-    nodes: int  # points of all lines
-    first: int  # first column, in the auxiliary state, of the nodes' heads (m); their change to starboard follows
+    groups: int
+    first: int  # first column in the auxiliary state; the columns of a group are whole vectors (lanes.py)
 
     @classmethod
-    def of(cls, geometry: HullGeometry, first: int) -> "Pressure":
-        """Sizes for the panels and lines of a hull."""
+    def of(cls, geometry: HullGeometry, used: int) -> "Pressure":
+        """Sizes for the panels and lines of a hull, behind `used` columns."""
         lines = geometry.lines
-        return cls(len(geometry.panels), lines.points, len(lines.start) * lines.points, first)
+        return cls(len(geometry.panels), lines.abreast, lines.points, len(lines.start) // lines.abreast, filled(used))
 
     @property
-    def columns(self) -> int:
-        """Number of columns in the auxiliary state."""
-        return 2 * self.nodes
+    def size(self) -> int:
+        """Number of a group's heads (m); their changes to starboard (m/m) follow."""
+        return self.abreast * self.points
+
+    @property
+    def stride(self) -> int:
+        """Number of columns of a group."""
+        return filled(2 * self.size)
+
+    @property
+    def end(self) -> int:
+        """First column behind those of the pressure."""
+        return self.first + self.groups * self.stride
+
+    def column(self, node: NDArray) -> NDArray:
+        """Columns of the heads at `node`, numbers of points of all lines."""
+        return self.first + node // self.size * self.stride + node % self.size
 
 
 def panel_table(geometry: HullGeometry) -> NDArray[np.float64]:
@@ -99,9 +115,9 @@ def read_tables(geometry: HullGeometry) -> tuple[NDArray, NDArray, NDArray]:
 
 
 def line_table(geometry: HullGeometry) -> NDArray[np.float64]:
-    """Line table, [pair, 9]: first points of both lines of a pair, and their common step, m, b."""
-    start, step = geometry.lines.start, geometry.lines.step
-    return np.concatenate([start[::2], start[1::2], step[::2]], axis=1)
+    """Line table, [group, 3 abreast + 3]: first points of the lines that share a step, and the step, m, b."""
+    lines = geometry.lines
+    return np.concatenate([lines.start.reshape(-1, 3 * lines.abreast), lines.step[:: lines.abreast]], axis=1)
 
 
 @ti.func
@@ -124,13 +140,12 @@ def at_centre(
     velocity (V_N, V_E, V_D, m/s, n), acceleration (A_N, A_E, A_D), roll and pitch rate about the heading axes (P, Q,
     rad/s) and their rates (P_DOT, Q_DOT).
     """
-    r = ti.static(variables(SUMS, sea[s, AMPLITUDE, 0] * 0.0))
+    r = ti.static(variables(SUMS, sea[0] * 0.0))
     cos_u, sin_u = cos_h * gauge.along.scale, sin_h * gauge.along.scale
     cos_v, sin_v = cos_h * gauge.across.scale, sin_h * gauge.across.scale
     for c in range(ti.static(blocks(count))):
-        a, kx, ky, k, omega = sea[s, AMPLITUDE, c], sea[s, KX, c], sea[s, KY, c], sea[s, K, c], sea[s, OMEGA, c]
-        bx, by = sea[s, BX, c], sea[s, BY, c]
-        sine, cosine = fast.sincos_short(kx * X + ky * Y + phase[row, c] - omega * tau)
+        a, kx, ky, k, omega, bx, by = component(sea, count, s, c, (AMPLITUDE, KX, KY, K, OMEGA, BX, BY))
+        sine, cosine = fast.sincos_short(phase[row, c] - omega * tau + kx * X + ky * Y)
         mean_u, slope_u = averages(gauge.along, kx * cos_u + ky * sin_u)
         mean_v, slope_v = averages(gauge.across, ky * cos_v - kx * sin_v)
         slope_u *= mean_v
@@ -243,37 +258,39 @@ def freeboard(deck: ti.template(), R, z, plane):
 @ti.func
 def pressure_load(
     sizes: ti.template(), build: ti.template(), around: ti.template(), tables: ti.template(), aux: ti.template(),
-    e, i, tau, pos, R, L, J, plane
+    rows: ti.template(), e, i, tau, pos, R, L, J, plane
 ):  # fmt: skip
     """Load (N, N m, about CO, b) on vehicle i in environment e, tau s after the beginning of a step.
 
-    The heads are written to the auxiliary state. `sizes` is a Pressure; L and J come from `at`, `plane`
-    from `mean_plane`.
+    The heads are written to the auxiliary state, which is `rows` in lanes. `sizes` is a Pressure; L and J come from
+    `at`, `plane` from `mean_plane`.
     """
-    write_heads(sizes, build, around, tables.lines, aux, e, i, tau, pos, R, L, J, plane)
+    write_heads(sizes, build, around, tables.lines, rows, e, i, tau, pos, R, L, J, plane)
     return panel_load(sizes, tables, aux, e, i, pos[2], R, plane)
 
 
 @ti.func
 def write_heads(
-    sizes: ti.template(), build: ti.template(), around: ti.template(), lines: ti.template(), aux: ti.template(),
+    sizes: ti.template(), build: ti.template(), around: ti.template(), lines: ti.template(), rows: ti.template(),
     e, i, tau, pos, R, L, J, plane
 ):  # fmt: skip
-    """Write the wave's pressure head (m), and its change to starboard, at every point of the wave lines to aux."""
+    """Write the wave's pressure head (m), and its change to starboard, at every point of the wave lines to `rows`."""
     s = around.env_sea[e]
-    for pair in range(lines.shape[0]):
-        h = R @ ti.Vector([lines[pair, STEP + c] for c in ti.static(range(3))])
+    abreast, stride = ti.static(sizes.abreast, blocks(sizes.stride))
+    for group in range(lines.shape[0]):
+        h = R @ ti.Vector([lines[group, ti.static(3 * abreast) + c] for c in ti.static(range(3))])
         step = ti.Vector([J[0] * h[0] + J[1] * h[1], J[1] * h[0] + J[2] * h[1]])
         across = ti.Vector([J[0] * R[0, 1] + J[1] * R[1, 1], J[1] * R[0, 1] + J[2] * R[1, 1]])
-        r_a = R @ ti.Vector([lines[pair, POINT_A + c] for c in ti.static(range(3))])
-        r_b = R @ ti.Vector([lines[pair, POINT_B + c] for c in ti.static(range(3))])
-        a = line_start(sizes.points, r_a, h, pos, L, J, plane)
-        b = line_start(sizes.points, r_b, h, pos, L, J, plane)
-        found = along_pair(build, around, sizes.points, s, e, a, b, step, across, tau)
-        size = ti.static(2 * sizes.points)
-        first = ti.static(sizes.first) + pair * size
-        for c in ti.static(range(size)):
-            aux[e, i, first + c], aux[e, i, first + ti.static(sizes.nodes) + c] = found[c], found[size + c]
+        starts = [
+            line_start(
+                sizes.points, R @ ti.Vector([lines[group, 3 * n + c] for c in ti.static(range(3))]),
+                h, pos, L, J, plane,
+            )
+            for n in ti.static(range(abreast))
+        ]  # fmt: skip
+        found = along_lines(build, around, sizes.points, s, e, starts, step, across, tau)
+        for b in ti.static(range(blocks(2 * sizes.size))):
+            rows[e, i, ti.static(blocks(sizes.first) + b) + group * stride] = found[b]
 
 
 @ti.func
@@ -292,22 +309,22 @@ def line_start(points: ti.template(), r, h, pos, L, J, plane):
 
 
 @ti.func
-def along_pair(
-    build: ti.template(), around: ti.template(), points: ti.template(), s, e, a, b, step, across, tau
+def along_lines(
+    build: ti.template(), around: ti.template(), points: ti.template(), s, e, starts: ti.template(), step, across, tau
 ):  # fmt: skip
-    """Dynamic pressure head p / (rho g) (m) at `points` points on each of two parallel lines.
+    """Dynamic pressure head p / (rho g) (m) at `points` points on each of a few parallel lines.
 
-    `a` and `b` hold, for each line, the label and the depth (m, below the mean plane) of its first point, and the
-    change of depth per step. `step` is the change of label per step, the same for both. Returns the heads on a and on
-    b, and their changes (m/m) in the direction `across` of labels.
+    `starts` hold, for each line, the label and the depth (m, below the mean plane) of its first point, and the
+    change of depth per step. `step` is the change of label per step, the same for all. Returns the heads on each
+    line, and their changes (m/m) in the direction `across` of labels, in lanes.
 
     Each head is a mean over one step's length around the point, so that a row of panels adds up to the integral along
-    it. Two lines share the terms that depend on their direction, and hide each other's latency.
+    it. The lines share the terms that depend on their direction.
     """
-    sea = ti.static(around.waves)
-    found = ti.static(variables(4 * points, sea[s, AMPLITUDE, 0] * 0.0))
-    for c in range(ti.static(blocks(build.components))):
-        kx, ky, k, omega = sea[s, KX, c], sea[s, KY, c], sea[s, K, c], sea[s, OMEGA, c]
+    count, size = ti.static(build.components, len(starts) * points)
+    found = ti.static(variables(2 * size, around.waves[0] * 0.0))
+    for c in range(ti.static(blocks(count))):
+        a, kx, ky, k, omega = component(around.waves, count, s, c, (AMPLITUDE, KX, KY, K, OMEGA))
         rate = k
         if ti.static(build.finite):
             rate = omega * omega * ti.static(1 / GRAVITY)
@@ -317,24 +334,19 @@ def along_pair(
         sinc, half_cosine = fast.sinc_short(half), fast.cos_short(half)
         half_sine = half * sinc
         cosine_step, sine_step = 1 - 2 * half_sine * half_sine, 2 * half_sine * half_cosine
-        amplitude, start = sea[s, AMPLITUDE, c] * sinc, around.turns[e, c] - omega * tau
-        sine_a, cosine_a = fast.sincos_short(kx * a[0] + ky * a[1] + start)
-        sine_b, cosine_b = fast.sincos_short(kx * b[0] + ky * b[1] + start)
-        decayed_a, decayed_b = amplitude * fast.exp_decay(rate * a[2]), amplitude * fast.exp_decay(rate * b[2])
-        m_a, m_b = fast.exp_near_one(rate * a[3]), fast.exp_near_one(rate * b[3])
-        re_a, im_a, re_b, im_b = decayed_a * cosine_a, decayed_a * sine_a, decayed_b * cosine_b, decayed_b * sine_b
-        step_re_a, step_im_a = m_a * cosine_step, m_a * sine_step
-        step_re_b, step_im_b = m_b * cosine_step, m_b * sine_step
-        for i in ti.static(range(points)):
-            found[i] += re_a
-            found[points + i] += re_b
-            found[2 * points + i] = found[2 * points + i] - k_across * im_a
-            found[3 * points + i] = found[3 * points + i] - k_across * im_b
-            if ti.static(i < points - 1):
-                t_a, t_b = re_a * step_re_a - im_a * step_im_a, re_b * step_re_b - im_b * step_im_b
-                im_a, im_b = re_a * step_im_a + im_a * step_re_a, re_b * step_im_b + im_b * step_re_b
-                re_a, re_b = t_a, t_b
-    return totals(found)
+        amplitude, begin = a * sinc, around.turns[e, c] - omega * tau
+        for n in ti.static(range(len(starts))):
+            X, Y, depth, deeper = starts[n][0], starts[n][1], starts[n][2], starts[n][3]
+            sine, cosine = fast.sincos_short(begin + kx * X + ky * Y)
+            decayed, m = amplitude * fast.exp_decay(rate * depth), fast.exp_near_one(rate * deeper)
+            re, im, step_re, step_im = decayed * cosine, decayed * sine, m * cosine_step, m * sine_step
+            for i in ti.static(range(points)):
+                at = ti.static(n * points + i)
+                found[at] += re
+                found[size + at] = found[size + at] - k_across * im
+                if ti.static(i < points - 1):
+                    re, im = re * step_re - im * step_im, re * step_im + im * step_re
+    return laned_totals(found)
 
 
 @ti.func
@@ -352,9 +364,9 @@ def strip_moments(p_c, d):
 
 
 @ti.func
-def along(panels: ti.template(), row: ti.template(), p, v):
+def along(panels: ti.template(), row, v):
     """Dot product of v with the vector that begins at `row` of the panel table."""
-    return v[0] * panels[row, p] + v[1] * panels[row + 1, p] + v[2] * panels[row + 2, p]
+    return v[0] * panels[row] + v[1] * panels[row + 1] + v[2] * panels[row + 2]
 
 
 @ti.func
@@ -366,19 +378,21 @@ def panel_load(sizes: ti.template(), tables: ti.template(), aux: ti.template(), 
     k = ti.Vector([R[2, 0], R[2, 1], R[2, 2]])  # downwards in b
     g = R.transpose() @ ti.Vector([plane[1], plane[2], 0.0])  # slope of the surface plane in b
     panels = ti.static(tables.panels)
-    sums = ti.static(variables(6, panels[0, 0] * 0.0))
+    sums = ti.static(variables(6, panels[0] * 0.0))
     slope_b = k + g  # gradient of the pressure head, b
     for p in range(ti.static(blocks(sizes.panels))):
-        p_c = z + along(panels, CENTRE, p, k) + panels[AHEAD, p] * g[0]
+        at = p * PANEL_ROWS
+        p_c = z + along(panels, at + CENTRE, k) + panels[at + AHEAD] * g[0]
         for n in range(tables.reads[p], tables.reads[p + 1]):
             head = aux[e, i, tables.node[n]]
-            p_c += tables.share[n] * (head + panels[ACROSS, p] * aux[e, i, tables.node[n] + ti.static(sizes.nodes)])
-        d1 = along(panels, ALONG, p, slope_b)
-        d2 = along(panels, UP, p, slope_b)
-        d3 = along(panels, TWIST, p, slope_b)
+            p_c += tables.share[n] * (head + panels[at + ACROSS] * aux[e, i, tables.node[n] + ti.static(sizes.size)])
+        d1 = along(panels, at + ALONG, slope_b)
+        d2 = along(panels, at + UP, slope_b)
+        d3 = along(panels, at + TWIST, slope_b)
         first = strip_moments(p_c - d1, d2 - d3)
         second = strip_moments(p_c + d1, d2 + d3)
         for row in ti.static(range(SECOND)):
             m, j = ti.static(WRENCH_ROWS[row])
-            sums[j] += panels[WRENCH + row, p] * first[m] + panels[WRENCH + SECOND + row, p] * second[m]
+            sums[j] += panels[at + ti.static(WRENCH + row)] * first[m]
+            sums[j] += panels[at + ti.static(WRENCH + SECOND + row)] * second[m]
     return ti.static(-RHO_SEA * GRAVITY) * totals(sums)
