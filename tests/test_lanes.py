@@ -3,6 +3,7 @@
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -54,7 +55,9 @@ def test_a_product_and_a_sum(linked):
     s, ab = float(np.float32(0.3)), a * b
     exact = [ab + c, c + ab, ab - c, c - ab, s * a + c, c - a * s, ab + 2, 1 - 2 * a, ab + c * a, c + ab - b * c]
     assert np.abs(out.numpy() - np.array(exact)).max() < 2e-6
-    assert out[0, 0] == out[1, 0] in ((small**2, 0.0) if linked else (0.0,))
+    flags = Path("/proc/cpuinfo")
+    if not flags.exists() or " fma" in flags.read_text():
+        assert out[0, 0] == out[1, 0] == (small**2 if linked else 0.0)
 
 
 @pytest.mark.parametrize("count", [1, 5, 12, 18])

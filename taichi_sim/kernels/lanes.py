@@ -180,7 +180,11 @@ def variables(count: int, value: Variable) -> list[Variable]:
 
 @ti.func
 def row_of(n, size: ti.template()):
-    """n * size: index of row n of a flat array. LLVM learns that it is small, and computes one address for a row."""
+    """n * size: index of row n of a flat array.
+
+    The mask changes no index that fits into an i32. It tells LLVM that there is no overflow, so that all entries of a row
+    are read from one address.
+    """
     return (n & ti.static((1 << (31 - size.bit_length())) - 1)) * size
 
 

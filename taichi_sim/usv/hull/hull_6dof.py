@@ -452,15 +452,9 @@ class Hull6Dof(Vessel):
 
     @ti.kernel
     def _pressure_load(
-        self,
-        out: array3,
-        state: array3,
-        aux: array3,
-        rows: laned3,
-        around: AroundPack,
-        tables: TablesPack,
+        self, out: array3, state: array3, aux: array3, rows: laned3, around: AroundPack, tables: TablesPack,
         build: ti.template(),
-    ):
+    ):  # fmt: skip
         for e, i in ti.ndrange(state.shape[0], state.shape[1]):
             pos, q, _nu = motion.unpack(ti.Vector([state[e, i, c] for c in range(13)]))
             R, now = rotation_matrix(q), pos[0] * 0.0
