@@ -182,8 +182,8 @@ def variables(count: int, value: Variable) -> list[Variable]:
 def row_of(n, size: ti.template()):
     """n * size: index of row n of a flat array.
 
-    The mask changes no index that fits into an i32. It tells LLVM that there is no overflow, so that all entries of a row
-    are read from one address.
+    The mask changes no index that fits into an i32. It tells LLVM that there is no overflow, so that all entries of a
+    row are read from one address.
     """
     return (n & ti.static((1 << (31 - size.bit_length())) - 1)) * size
 
