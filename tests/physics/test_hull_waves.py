@@ -87,6 +87,14 @@ def test_pressure_at_every_wet_wave_point_of_the_shipped_sea(otter, bench):
     assert np.sqrt(np.mean(error**2)) < 0.05 * np.sqrt(np.mean(head[wet] ** 2))
 
 
+@pytest.mark.parametrize(("vehicle", "abreast"), [("otter", 2), ("fpso", 1)])
+def test_no_line_is_summed_twice_where_few_have_a_parallel(vehicle, abreast, make_model):
+    """Lines come in pairs, or alone; then no two are the same."""
+    lines = make_model(vehicle, 0.02, 1).geometry.lines
+    assert lines.abreast == abreast
+    assert len(np.unique(np.hstack([lines.start, lines.step]), axis=0)) == len(lines.start)
+
+
 def centre_of(gauge, sea, finite=False, heading=0.0, tau=0.0):
     """water.at_centre [sea, 18] at the label (0, 0), all realisations at time 0."""
     count = sea.num_components
