@@ -38,7 +38,7 @@ from torch import Tensor
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import FIRST_FORKED, Noise
 
-VERSION = 3  # version of a snapshot's layout
+VERSION = 4  # version of a snapshot's layout
 GIB = 2**30
 WORKING_SHARE = 4.0  # memory of an environment over that of its state: buffers of kernels and torch; assumed
 

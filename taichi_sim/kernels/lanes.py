@@ -20,7 +20,7 @@ lacks: a product of vectors and a sum become one operation, rounded once (Taichi
 import operator
 import platform
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -192,6 +192,27 @@ def row_of(n, size: ti.template()):
 def part(v: ti.template(), first: ti.template(), size: ti.template()):
     """`size` lanes of v, from lane `first` on."""
     return ti.Vector([v[first + k] for k in ti.static(range(size))])
+
+
+@ti.func
+def taken_lanes(rows: ti.template(), e, i, columns: ti.template()):
+    """Vector of the numbers at `columns` of row [e, i]; lanes behind them hold other numbers of the row.
+
+    The columns are known when the kernel is compiled. LLVM makes one shuffle for each vector that holds some of them.
+    """
+    found = rows[e, i, ti.static(columns[0] // width())]
+    for n in ti.static(blocks_of(columns)):
+        source = rows[e, i, n]
+        for lane in ti.static(range(len(columns))):
+            if ti.static(columns[lane] // width() == n):
+                found[lane] = source[ti.static(columns[lane] % width())]
+    return found
+
+
+@in_kernels
+def blocks_of(columns: Sequence[int]) -> list[int]:
+    """Indices of the vectors that hold `columns`."""
+    return sorted({column // width() for column in columns})
 
 
 @ti.func

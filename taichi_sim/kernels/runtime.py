@@ -95,6 +95,7 @@ def init(arch: str = "cpu", precision: Precision = "f32", threads: int = 0) -> R
                 cpu_max_num_threads=wanted.threads,
                 fast_math=True,
                 offline_cache=True,
+                unrolling_limit=0,  # no warning of long unrolled loops: a hull of 500 panels takes 3 s to compile
                 log_level=ti.ERROR,
                 verbose=False,
             )

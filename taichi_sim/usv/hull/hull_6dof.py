@@ -63,15 +63,13 @@ __all__ = ["Hull6Dof", "Hull6DofParams"]
 
 TablesPack = ti.types.argpack(
     panels=laned1,
-    reads=whole1,
     node=whole1,
-    share=laned1,
     lines=array2,
     deck=array2,
     filters=laned1,
     diffraction=laned1,
 )
-"""Tables of the parts: panels, their reads of pressure heads in the auxiliary state, and wave lines (water.py);
+"""Tables of the parts: panels, the columns of the heads that they read, and wave lines (water.py);
 corners of the deck (geometry.py); filters of the memory, and diffraction in one sea (radiation.py)."""
 SEAS = 4  # number of seas for which a model keeps tables
 SeaKey = tuple[int, int, tuple[int, ...]]  # address, version and shape of a sea's tensor
@@ -312,13 +310,10 @@ class Hull6Dof(Vessel):
             if len(self._tables) >= SEAS:
                 self._tables.pop(next(iter(self._tables)))
             g = self.geometry
-            reads, node, share = water.read_tables(g)
             tables = runtime.pack(
                 TablesPack,
                 panels=laned(device_table(water.panel_table(g))).transpose(0, 1).flatten(0, 1).contiguous(),
-                reads=device_table(reads).int(),
-                node=device_table(self.pressure.column(node)).int(),
-                share=device_table(share),
+                node=device_table(self.pressure.column(g.lines.node)).int(),
                 lines=device_table(water.line_table(g)),
                 deck=device_table(g.deck_corners),
                 **self.radiation.tables(sea),
@@ -372,7 +367,7 @@ class Hull6Dof(Vessel):
             blown = motion.wind_load(self.params.windage.height, p, R, nu, air)
             if ti.static(self.by_panels):
                 up = water.pressure_load(
-                    self.pressure, build, around, tables, aux, fleet.lanes, e, i, tau, pos, R, L, J, plane
+                    self.pressure, build, around, tables, fleet.lanes, e, i, tau, pos, R, L, J, plane
                 )
                 up += motion.weight_load(p.weight, ti.static(vector(p, "cg", 3)), motion.down(R))
                 now = self.drive.lagged(self.thrusters, p, controls, command, 0.5)
@@ -408,7 +403,7 @@ class Hull6Dof(Vessel):
     def equations(self, state: Tensor, controls: Tensor, current: Tensor, wind: Tensor, load: Tensor) -> Tensor:
         """d(state)/dt [n, 13]; the wind is that at `wind_height`."""
         out = torch.empty_like(state)
-        no_waves = state.new_zeros((len(state), 1, self.aux_size))
+        no_waves = laned(state.new_zeros((len(state), 1, self.aux_size)))
         with vectors():
             self._rhs(out, state, controls, current, wind, load, no_waves, self.tables())
         return out
@@ -416,7 +411,7 @@ class Hull6Dof(Vessel):
     @ti.kernel
     def _rhs(
         self, out: array2, state: array2, controls: array2, current: array2, wind_n: array2, load: array2,
-        no_waves: array3, tables: TablesPack,
+        no_waves: laned3, tables: TablesPack,
     ):  # fmt: skip
         for n in range(state.shape[0]):
             y = ti.Vector([state[n, c] for c in range(13)])
@@ -447,13 +442,12 @@ class Hull6Dof(Vessel):
         out = state.new_empty((*state.shape[:2], 6))
         aux = state.new_zeros((*state.shape[:2], self.aux_size))
         with vectors():
-            self._pressure_load(out, state, aux, laned(aux), around.pack, self.tables(), self.water_build(around))
+            self._pressure_load(out, state, laned(aux), around.pack, self.tables(), self.water_build(around))
         return out
 
     @ti.kernel
     def _pressure_load(
-        self, out: array3, state: array3, aux: array3, rows: laned3, around: AroundPack, tables: TablesPack,
-        build: ti.template(),
+        self, out: array3, state: array3, rows: laned3, around: AroundPack, tables: TablesPack, build: ti.template(),
     ):  # fmt: skip
         for e, i in ti.ndrange(state.shape[0], state.shape[1]):
             pos, q, _nu = motion.unpack(ti.Vector([state[e, i, c] for c in range(13)]))
@@ -461,6 +455,6 @@ class Hull6Dof(Vessel):
             D = water.displacement(self.gauge, build, around, e, pos, R)
             sums, L, J = water.at(self.gauge, build, around, e, now, pos, R, D)
             plane = water.mean_plane(sums, R)
-            load = water.pressure_load(self.pressure, build, around, tables, aux, rows, e, i, now, pos, R, L, J, plane)
+            load = water.pressure_load(self.pressure, build, around, tables, rows, e, i, now, pos, R, L, J, plane)
             for c in ti.static(range(6)):
                 out[e, i, c] = load[c]

@@ -25,12 +25,12 @@ from typing import NamedTuple
 
 import numpy as np
 import taichi as ti
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from taichi_sim.conventions import AMPLITUDE, BX, BY, GRAVITY, KX, KY, OMEGA, RHO_SEA, K
 from taichi_sim.kernels import fast
 from taichi_sim.kernels.abreast import taken2
-from taichi_sim.kernels.lanes import blocks, filled, laned_totals, totals, variables, width
+from taichi_sim.kernels.lanes import blocks, filled, laned_totals, taken_lanes, totals, variables, width
 from taichi_sim.kernels.rigid_body import cross, six
 from taichi_sim.sea.waves import component
 from taichi_sim.usv.hull.geometry import HullGeometry, averages
@@ -62,12 +62,14 @@ class Pressure(NamedTuple):
     points: int  # points per wave line
     groups: int
     first: int  # first column in the auxiliary state; the columns of a group are whole vectors (lanes.py)
+    node: tuple[int, ...]  # point of all lines at which each panel reads the head
 
     @classmethod
     def of(cls, geometry: HullGeometry, used: int) -> "Pressure":
         """Sizes for the panels and lines of a hull, behind `used` columns."""
         lines = geometry.lines
-        return cls(len(geometry.panels), lines.abreast, lines.points, len(lines.start) // lines.abreast, filled(used))
+        groups, node = len(lines.start) // lines.abreast, tuple(lines.node.tolist())
+        return cls(len(geometry.panels), lines.abreast, lines.points, groups, filled(used), node)
 
     @property
     def size(self) -> int:
@@ -80,13 +82,24 @@ class Pressure(NamedTuple):
         return filled(2 * self.size)
 
     @property
-    def end(self) -> int:
-        """First column behind those of the pressure."""
+    def heads(self) -> int:
+        """First column of the panels' heads (m)."""
         return self.first + self.groups * self.stride
 
-    def column(self, node: NDArray) -> NDArray:
+    @property
+    def end(self) -> int:
+        """First column behind those of the pressure."""
+        return self.heads + filled(self.panels)
+
+    def column(self, node: ArrayLike) -> NDArray:
         """Columns of the heads at `node`, numbers of points of all lines."""
-        return self.first + node // self.size * self.stride + node % self.size
+        group, place = np.divmod(node, self.size)
+        return self.first + group * self.stride + place
+
+    def read(self, block: int) -> tuple[list[int], list[int]]:
+        """Columns of the heads, and of their changes to starboard, that the panels in a vector read."""
+        heads = self.column(self.node[block * width() : (block + 1) * width()])
+        return heads.tolist(), (heads + self.size).tolist()
 
 
 def panel_table(geometry: HullGeometry) -> NDArray[np.float64]:
@@ -98,20 +111,6 @@ def panel_table(geometry: HullGeometry) -> NDArray[np.float64]:
     table[ACROSS], table[AHEAD] = geometry.lines.across, geometry.lines.ahead
     table[WRENCH:] = [strip[:, m, j] for strip in strips.wrench for m, j in WRENCH_ROWS]
     return table
-
-
-def read_tables(geometry: HullGeometry) -> tuple[NDArray, NDArray, NDArray]:
-    """Tables of which nodes of the wave lines the panels of each vector (lanes.py) read.
-
-    Returns:
-        The first read of each vector and of the next one; the node of each read; and [read, lane], 1 in the lanes of
-        the panels that read it.
-    """
-    of_vectors = np.array_split(geometry.lines.node, np.arange(width(), len(geometry.panels), width()))
-    nodes = [np.unique(each) for each in of_vectors]
-    share = [np.equal.outer(node, each) for node, each in zip(nodes, of_vectors, strict=True)]
-    lanes = [np.pad(each, ((0, 0), (0, width() - each.shape[1]))) for each in share]
-    return np.cumsum([0, *map(len, nodes)]), np.concatenate(nodes), np.concatenate(lanes).astype(np.float64)
 
 
 def line_table(geometry: HullGeometry) -> NDArray[np.float64]:
@@ -257,16 +256,17 @@ def freeboard(deck: ti.template(), R, z, plane):
 
 @ti.func
 def pressure_load(
-    sizes: ti.template(), build: ti.template(), around: ti.template(), tables: ti.template(), aux: ti.template(),
-    rows: ti.template(), e, i, tau, pos, R, L, J, plane
+    sizes: ti.template(), build: ti.template(), around: ti.template(), tables: ti.template(), rows: ti.template(),
+    e, i, tau, pos, R, L, J, plane
 ):  # fmt: skip
     """Load (N, N m, about CO, b) on vehicle i in environment e, tau s after the beginning of a step.
 
-    The heads are written to the auxiliary state, which is `rows` in lanes. `sizes` is a Pressure; L and J come from
+    The heads are written to the auxiliary state, whose vectors are `rows`. `sizes` is a Pressure; L and J come from
     `at`, `plane` from `mean_plane`.
     """
     write_heads(sizes, build, around, tables.lines, rows, e, i, tau, pos, R, L, J, plane)
-    return panel_load(sizes, tables, aux, e, i, pos[2], R, plane)
+    carry_heads(sizes, tables, rows, e, i)
+    return panel_load(sizes, tables, rows, e, i, pos[2], R, plane)
 
 
 @ti.func
@@ -291,6 +291,22 @@ def write_heads(
         found = along_lines(build, around, sizes.points, s, e, starts, step, across, tau)
         for b in ti.static(range(blocks(2 * sizes.size))):
             rows[e, i, ti.static(blocks(sizes.first) + b) + group * stride] = found[b]
+
+
+@ti.func
+def carry_heads(sizes: ti.template(), tables: ti.template(), rows: ti.template(), e, i):
+    """Write the wave's pressure head (m) at every panel to `rows`, from those at the points of the wave lines."""
+    first = ti.static(blocks(sizes.heads))
+    if ti.static(width() > 1):
+        for p in ti.static(range(blocks(sizes.panels))):
+            heads, changes = ti.static(sizes.read(p))
+            change = tables.panels[p * PANEL_ROWS + ACROSS] * taken_lanes(rows, e, i, changes)
+            rows[e, i, first + p] = taken_lanes(rows, e, i, heads) + change
+    else:
+        for p in range(sizes.panels):
+            at = tables.node[p]
+            change = tables.panels[p * PANEL_ROWS + ACROSS] * rows[e, i, at + ti.static(sizes.size)]
+            rows[e, i, first + p] = rows[e, i, at] + change
 
 
 @ti.func
@@ -370,8 +386,8 @@ def along(panels: ti.template(), row, v):
 
 
 @ti.func
-def panel_load(sizes: ti.template(), tables: ti.template(), aux: ti.template(), e, i, z, R, plane):
-    """Load (N, N m, about CO, b) of the heads in the auxiliary state, with CO at the depth z (m) below mean sea level.
+def panel_load(sizes: ti.template(), tables: ti.template(), rows: ti.template(), e, i, z, R, plane):
+    """Load (N, N m, about CO, b) of the panels' heads in `rows`, with CO at the depth z (m) below mean sea level.
 
     Over a panel, the wave's pressure changes with the mean surface plane.
     """
@@ -383,9 +399,7 @@ def panel_load(sizes: ti.template(), tables: ti.template(), aux: ti.template(), 
     for p in range(ti.static(blocks(sizes.panels))):
         at = p * PANEL_ROWS
         p_c = z + along(panels, at + CENTRE, k) + panels[at + AHEAD] * g[0]
-        for n in range(tables.reads[p], tables.reads[p + 1]):
-            head = aux[e, i, tables.node[n]]
-            p_c += tables.share[n] * (head + panels[at + ACROSS] * aux[e, i, tables.node[n] + ti.static(sizes.size)])
+        p_c += rows[e, i, ti.static(blocks(sizes.heads)) + p]
         d1 = along(panels, at + ALONG, slope_b)
         d2 = along(panels, at + UP, slope_b)
         d3 = along(panels, at + TWIST, slope_b)
