@@ -90,17 +90,18 @@ def quaternion_advance(q, omega_b, dt):
     square = omega_b.dot(omega_b) * (dt * dt)
     # cos(angle/2) and sin(angle/2)/angle; below 0.3 rad per step by their series, which are exact to 1e-11 there
     h = 0.25 * square
-    c = 1 - h * (0.5 - h * (1.0 / 24 - h * (1.0 / 720)))
-    k = 0.5 * (1 - h * (1.0 / 6 - h * (1.0 / 120 - h * (1.0 / 5040))))
+    h2 = h * h
+    c = (1 - 0.5 * h) + h2 * (1.0 / 24 - h * (1.0 / 720))
+    k = (0.5 - h * (1.0 / 12)) + h2 * (1.0 / 240 - h * (1.0 / 10080))
     large = square > 0.09
     if some(large):
         angle = ti.sqrt(ti.max(square, 0.09))
         sine, cosine = fast.sincos(0.5 * angle)
         c, k = ti.select(large, cosine, c), ti.select(large, sine / angle, k)
-    d = ti.Vector([c, k * omega_b[0] * dt, k * omega_b[1] * dt, k * omega_b[2] * dt])
-    p = quaternion_product(q, d)
-    # One Newton step towards 1/|p| suffices, because |p| - 1 is a rounding error.
-    return p * (1.5 - 0.5 * p.dot(p))
+    # One Newton step towards 1/|q| suffices, because |q| - 1 is a rounding error. It does not wait for the rotation.
+    scale = 1.5 - 0.5 * q.dot(q)
+    c, k = c * scale, k * scale * dt
+    return quaternion_product(q, ti.Vector([c, k * omega_b[0], k * omega_b[1], k * omega_b[2]]))
 
 
 @ti.func
