@@ -247,3 +247,42 @@ def test_finite_depth_tends_to_deep_water():
     gauge = rectangle(4.0, 2.0, 0.5)
     deep, far = centre_of(gauge, waves(0.05, k, *others)), centre_of(gauge, waves(0.05, k, *others, 500.0), True)
     assert far == pytest.approx(deep, rel=1e-9, abs=1e-12)
+
+
+def flow_at(R, omega, V_c, sums):
+    """water.flow [moment, 4, 6] of hulls at attitudes R [moment, 3, 3] that turn with `omega` (rad/s, b)."""
+    turn, current = ti.Vector(list(omega)), ti.Vector(list(V_c))
+
+    @ti.kernel
+    def kernel(out: ti.types.ndarray(ndim=3), R_nb: ti.types.ndarray(ndim=3), rows: ti.types.ndarray(ndim=2)):
+        for n in range(out.shape[0]):
+            attitude = ti.Matrix([[R_nb[n, i, j] for j in ti.static(range(3))] for i in ti.static(range(3))])
+            r = ti.Vector([rows[n, c] for c in ti.static(range(water.SUMS))])
+            parts = water.flow("body", attitude, turn, current, r)
+            for k in ti.static(range(4)):
+                for c in ti.static(range(6)):
+                    out[n, k, c] = parts[k][c]
+
+    out = np.empty((len(R), 4, 6))
+    kernel(out, R, sums)
+    return out
+
+
+def test_a_turning_hull_sees_the_rates_of_the_water_that_it_sees():
+    """Central differences in the frame of a hull that turns about all its axes, in water of constant acceleration."""
+    rng, h, omega = np.random.default_rng(9), 1e-4, np.array([0.3, -0.2, 0.5])
+    cross = torch.tensor([[0.0, -omega[2], omega[1]], [omega[2], 0.0, -omega[0]], [-omega[1], omega[0], 0.0]])
+    begin = torch_rotation_matrix(torch_quaternion_from_euler(*torch.tensor([0.2, -0.1, 0.8], dtype=torch.float64)))
+    R = torch.stack([begin @ torch.matrix_exp(cross * t) for t in (-h, 0.0, h)]).numpy()
+    V, A, turns, turns_dot = rng.uniform(-1.0, 1.0, (4, 3))  # of the water, n; its turns are about level axes
+    sums = np.zeros((3, water.SUMS))
+    for row, attitude, t in zip(sums, R, (-h, 0.0, h), strict=True):
+        cos_h, sin_h = attitude[:2, 0] / np.hypot(*attitude[:2, 0])
+        level = np.array([[cos_h, sin_h], [-sin_h, cos_h]])
+        row[[water.V_N, water.V_E, water.V_D]], row[[water.A_N, water.A_E, water.A_D]] = V + t * A, A
+        row[[water.P, water.Q]] = level @ (turns + t * turns_dot)[:2]
+        row[[water.P_DOT, water.Q_DOT]] = level @ turns_dot[:2]
+    before, now, after = flow_at(R, omega, (0.4, -0.7, 0.0), sums)
+    for seen, rate in ((0, 1), (2, 3)):  # the current, and the orbital motion
+        assert now[rate] == pytest.approx((after - before)[seen] / (2 * h), abs=1e-6)
+    assert np.abs(now[:2, :3]).max() > 0.1 and np.abs(now[2:]).min() > 0.01
