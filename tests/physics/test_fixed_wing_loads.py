@@ -43,6 +43,16 @@ def test_printed_thrust_and_torque(published, printed):
     assert pytest.approx((row["T"], row["Q"]), rel=1e-12) == (T, Q)
 
 
+def test_a_propeller_by_bernoullis_law_takes_torque_by_the_square_of_the_throttle(f64):
+    """None at rest, the whole k_T_p k_Omega^2 at full throttle, a quarter of it at half."""
+    p = aircraft("zagi", propeller={"k_T_p": 2e-6, "k_Omega": 500.0})
+    throttles = np.array([0.0, 0.5, 1.0])
+    controls = np.zeros((3, 4))
+    controls[:, 3] = throttles
+    Q = loads(p, np.broadcast_to([12.0, 0.0, 0.0], (3, 3)), 0.0, controls)[:, 7]
+    assert pytest.approx([0.0, 0.125, 0.5]) == Q
+
+
 def test_printed_forces_and_moments(published, printed):
     row = printed["case1"]
     weight = [0.0, 0.0, published.physical.mass * GRAVITY, 0.0, 0.0, 0.0]
