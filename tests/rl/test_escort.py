@@ -236,6 +236,17 @@ def test_aircraft_measure_and_observe_what_plain_torch_does():
         torch.testing.assert_close(terms[name], value, atol=2e-6, rtol=1e-5, msg=name)
 
 
+def test_the_direction_to_the_vessel_has_length_1_and_fades_within_a_metre():
+    mission = whole()
+    mission.begin_each()
+    team = mission.teams["uav"]
+    place, targets = team.measured.fleet.state[..., :3], mission.tracking.of("uav", mission.tracking.targets)
+    for distance, length in ((0.0, 0.0), (0.5, 0.5), (1.2, 1.0), (50.0, 1.0)):
+        place[..., :2], place[..., 2] = targets[..., :2], -distance  # straight above
+        direction = team.terms()["vessel"]
+        torch.testing.assert_close(direction, length * team.measured.fleet.down_b, atol=1e-4, rtol=0)
+
+
 @pytest.mark.parametrize("turn", [1.0, -1.0])
 def test_gaps_are_even_at_even_phases_and_push_towards_them(turn):
     mission = whole()
