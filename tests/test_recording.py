@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from rl.learn.progress import read_history
+from rl.missions.formation import figures
 from rl.missions.formation.figures import write_figures
 from taichi_sim.recording import Episode, Event, Medium, Scene, TeamTrack, write_recording
 from taichi_sim.recording.sea_patch import OFF_CRESTS, SeaGrid
@@ -261,6 +262,18 @@ def test_figures_are_pictures(tmp_path: Path) -> None:
         width, height = (int.from_bytes(data[at : at + 4], "big") for at in (16, 20))
         assert width >= 800
         assert height >= 600
+
+
+def test_the_ring_of_a_slot_goes_round_the_body_in_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    bodies, collection = [], figures.Poly3DCollection
+    monkeypatch.setattr(
+        figures, "Poly3DCollection", lambda faces, **style: bodies.append(faces) or collection(faces, **style)
+    )
+    *_, above = figures.formation_figure(make_episode(1, ("uav",), steps=2)).axes
+    assert len(bodies) == len(figures.VIEWS)
+    ring = np.ptp(above.lines[0].get_data_3d()[0])  # pyright: ignore[reportAttributeAccessIssue]
+    body = np.ptp(bodies[-1].reshape(-1, 3)[:, :2], axis=0).max()
+    assert body < ring < 2 * body
 
 
 def test_each_recording_opens_in_its_own_layout(tmp_path: Path) -> None:
