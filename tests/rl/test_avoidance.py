@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from rl.guidance.avoidance import Avoider, Gains, Shield
+from rl.guidance.avoidance import STEPS, Avoider, Gains, Shield
 from rl.guidance.geometry import COURSE_RATE, ERRORS_SIZE, SLOT_VELOCITY, TARGET_SIZE, V
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN
@@ -142,12 +142,15 @@ def shielded(team, correction: tuple[float, float], own=(SPEED, 0.0)) -> Tensor:
 
 
 def test_a_correction_is_taken_back_as_far_as_it_leads_into_an_obstacle():
-    """An obstacle is passed with room on the own way, and hit on the corrected one; on the other side is nothing."""
+    """An obstacle is passed with room on the own way, and hit on the corrected one; on the other side is nothing. What
+    is left leads past the berth; the next share that is tried would lead into it.
+    """
     team = scene([(25.0, 14.0, 5.0, 0.0, 0.0, 0.0)])
     into, away = shielded(team, (0.0, 5.0)), shielded(team, (0.0, -5.0))
     assert passes(torch.tensor([SPEED, 5.0]), 25.0, 14.0) < 5.0 + RADIUS
     assert (into[:, 1] < 3.5).all() and (into[:, 1] >= 0).all() and (into[:, 0] == SPEED).all()
-    assert passes(into[0], 25.0, 14.0) > 5.0 + RADIUS
+    more = into[0] + torch.tensor([0.0, 5.0 / STEPS]).to(into)
+    assert passes(into[0], 25.0, 14.0) > 5.0 + RADIUS + GAINS.berth > passes(more, 25.0, 14.0)
     assert away.equal(torch.tensor([[SPEED, -5.0]]).to(away).expand(2, 2))
 
 
