@@ -12,10 +12,12 @@ from rl.evaluation.episodes import judge_episodes
 from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario, make_mission
 from rl.missions.landing.boats import MESSAGE
+from rl.missions.landing.config import PilotConfig
 from rl.missions.landing.deck import KnownDeck, Look
+from rl.missions.landing.imagined import BLOWN, Foresight
 from rl.missions.landing.judge import OUTCOMES
 from rl.missions.landing.mission import Landing
-from rl.missions.landing.pilots import ABOVE, HIGH
+from rl.missions.landing.pilots import ABOVE, HIGH, MARGIN, SAMPLED, Pilot
 from rl.planning.planner import HonestPlanner, PlanConfig
 from taichi_sim.config import ConfigError
 
@@ -180,6 +182,37 @@ def test_what_a_pilot_remembers_moves_on_once_a_decision():
         assert torch.equal(team.pilot.wanted(team), first)
         assert all(torch.equal(getattr(team.pilot, name), value) for name, value in before.items())
         assert learnt is None or torch.equal(team.pilot.model.count, learnt)
+
+
+def test_a_pilot_foresees_the_deck_until_it_has_touched(monkeypatch):
+    """From where it waits it comes down as it does over a deck at rest; then some time to spare, in whole samples."""
+    monkeypatch.setattr(Pilot, "_lift", lambda self, team: torch.zeros(1))
+    monkeypatch.setattr(Pilot, "_deck_falls", lambda self, team: torch.zeros(1))
+    sample = SAMPLED * 0.05
+    for numbers in ({}, {"wait": 3.0, "sink": 0.5, "steep": 0.2}):
+        pilot = Pilot(PilotConfig(kind="forecast", **numbers), torch.zeros(1, 1, 3), 0.05)
+        height, takes, dt = torch.tensor([pilot.config.wait]), 0.0, 0.01
+        while float(height) > 0:
+            height = height - dt * pilot._matched(SimpleNamespace(known_height=height), torch.zeros(1))
+            takes += dt
+        assert takes + MARGIN - 0.02 < pilot.ahead.shape[-1] * sample < takes + MARGIN + sample + 0.02
+
+
+def test_the_wind_of_a_model_follows_a_gust_by_63_percent_in_the_time_of_its_average(monkeypatch):
+    """Where an episode begins it is known at once; while legs touch, the lean says nothing of it."""
+    gust, dt = torch.tensor([10.0, 0.0, 0.0]).expand(3, 1, 3), 0.1
+    known = SimpleNamespace(velocity=gust, mean=gust, attitude=gust)
+    touches, steps = torch.tensor([[False], [True], [False]]), torch.zeros(3, dtype=torch.int64)
+    team = SimpleNamespace(known_deck=known, touches=touches, mission=SimpleNamespace(steps=steps))
+    foresight = Foresight(torch.zeros(3), dt)
+    monkeypatch.setattr(foresight, "_wind_of", lambda team: torch.zeros_like(gust))
+    foresight.notice(team)
+    monkeypatch.setattr(foresight, "_wind_of", lambda team: gust)
+    for _ in range(round(BLOWN / dt)):
+        steps[:2] += 1
+        foresight.notice(team)
+    wind = foresight.wind[:, 0, 0].tolist()
+    assert wind == pytest.approx([10 * (1 - math.exp(-1)), 0.0, 10.0], abs=0.2)
 
 
 def test_boats_that_take_part_and_hold_do_as_boats_that_do_not():
