@@ -9,6 +9,7 @@ from command_line import server
 
 from rl import processes
 from rl.evaluation.headroom import Bound, digest, headroom, judge_on_bounds, read_bounds, run_bound, write_bounds
+from rl.evaluation.store import load_headroom, save_headroom
 from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario
 from rl.missions.formation.judge import FormationJudge
@@ -61,6 +62,16 @@ def test_bounds_are_read_back_where_the_episodes_are_the_same(tmp_path):
     for other in ("sea.hs=1", "usv.control.horizon=4", "obstacles.count=3", "usv.count=5"):
         assert read_bounds(load_scenario("paper", (other,)), file) == {}
     assert read_bounds(config, tmp_path / "none.json") == {}
+
+
+def test_a_run_keeps_what_its_policies_did_on_an_oracles_episodes(tmp_path):
+    assert load_headroom(tmp_path) == {}
+    for learned in (1.0, np.nan):  # the second evaluation replaces the first
+        save_headroom(tmp_path, {"usv": episodes(learned), "uav": episodes(2.0)})
+        again = load_headroom(tmp_path)
+        assert again.keys() == {"usv", "uav"}
+        for name, numbers in episodes(learned).items():
+            np.testing.assert_array_equal(again["usv"][name], numbers)
 
 
 def test_an_oracle_and_the_classical_controller_do_the_same_episodes():
