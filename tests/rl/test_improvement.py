@@ -1,11 +1,12 @@
 """Policies improved by planning: what planners suggest pays off, and a stage learns it."""
 
 import csv
+from types import SimpleNamespace
 
 import pytest
 import torch
 
-from rl.learn.improvement import Improver
+from rl.learn.improvement import Improver, PlannedImprovement
 from rl.learn.policy import read_checkpoint
 from rl.learn.stages import train_stages
 from rl.missions import load_scenario, make_mission
@@ -63,6 +64,25 @@ def test_what_the_leader_tries_does_not_blur_what_its_followers_try():
     assert noise[:, :8].equal(-noise[:, 8:])  # opposite pairs
     alone = planner._noise((4, 16, PLAN.knots, 1, 2), team.fleet.state)
     assert (alone[:, :, :2] != 0).all()
+
+
+def test_the_spread_of_plans_goes_from_its_first_to_its_last_value_in_a_stage():
+    spreads = []
+    for done in range(6):  # the last one more than the stage has
+        stage = SimpleNamespace(planning=SimpleNamespace(spread=(0.6, 0.2)), iterations=5)
+        PlannedImprovement._aim(SimpleNamespace(_stage=stage, _done=done, _planner=SimpleNamespace(aim=spreads.append)))
+    assert spreads == pytest.approx([0.6, 0.5, 0.4, 0.3, 0.2, 0.2])
+
+
+def test_a_policy_is_improved_about_actions_that_it_can_do():
+    """A network's output beyond the range is the end of the range."""
+    network = SimpleNamespace(
+        actor=SimpleNamespace(get_latent=lambda observed: observed["policy"]),
+        _actor=SimpleNamespace(rows=lambda rows: 2.0 * rows),
+    )
+    observed = torch.tensor([[[-3.0, 0.25], [0.55, -0.55]]])
+    mean = PlannedImprovement._mean(network, SimpleNamespace(observe=lambda: observed))
+    assert mean.tolist() == [[[-1.0, 0.5], [1.0, -1.0]]]
 
 
 def test_a_stage_learns_what_is_suggested_and_goes_on_after_an_interruption(tmp_path):
