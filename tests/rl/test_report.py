@@ -9,10 +9,12 @@ import pytest
 from command_line import TEAMS, forget, tiny_run
 
 from rl.evaluation import episodes as evaluation
-from rl.evaluation.episode_log import load_log, save_log
+from rl.evaluation.episode_log import Ended, Excerpt, TeamLog, load_log, save_log
 from rl.evaluation.record import record_episode
+from rl.evaluation.report import episodes as shown_part
 from rl.evaluation.report import write_report
 from rl.evaluation.store import load_evaluation
+from rl.judge import Judge
 from rl.learn.policy import policies_of
 from rl.runs import folder as run_folder
 
@@ -128,6 +130,14 @@ def test_collided_comes_before_failed_and_failed_before_a_large_error():
     assert evaluation.choose(kind, {"boats": calm, "others": calm})["worst"] == 3  # it could not even be measured
 
 
+def test_where_no_error_is_measured_the_worst_of_those_that_failed_is_paid_least():
+    of_team = {"collided": np.array([0, 0, 2, 0, 0.0]), "failed": np.array([0, 0, 1, 1, 0.0])}
+    of_team |= {"reward": np.array([9.0, 8.0, 7.0, 1.0, 6.0]), "decisions": np.ones(5)}
+    assert evaluation.choose(Judge, {"boats": of_team}) == {"worst": 2, "median": 4}
+    calm = of_team | {"collided": np.zeros(5)}
+    assert evaluation.choose(Judge, {"boats": calm})["worst"] == 3
+
+
 def test_five_seconds_before_a_collision_are_kept(run, tmp_path):
     """Boats that go round at full speed meet each other."""
     import torch
@@ -158,3 +168,25 @@ def test_five_seconds_before_a_collision_are_kept(run, tmp_path):
     np.testing.assert_array_equal(
         shown["worst"].teams["usv"].position_n, outcome.shown["worst"].teams["usv"].position_n
     )
+
+
+def going_north(moments: int) -> Excerpt:
+    """A boat and an aircraft at 3 m/s and 20 m/s; the aircraft ends after 0.5 s."""
+    time, teams = 0.1 * np.arange(moments), {}
+    for name, medium, speed in (("usv", "water", 3.0), ("uav", "air", 20.0)):
+        place = np.zeros((moments, 1, 3))
+        place[:, 0, 0] = speed * time
+        teams[name] = TeamLog(medium, place, np.zeros((moments, 1, 1)), ("thrust",), {})
+    return Excerpt(0, time, teams, (Ended(0.5, "uav", 0, "is lost"),), np.empty((0, 4)), {})
+
+
+@pytest.mark.parametrize(("moments", "speeds"), [(11, (3.0, 20.0)), (1, (0.0, 0.0))])
+def test_time_series_show_speeds_and_the_end_of_a_teams_own_vehicles(moments, speeds, monkeypatch):
+    """Of one moment alone, an episode that ended at once, no speed is known."""
+    drawn = []
+    monkeypatch.setattr(shown_part, "svg", lambda figure, name: drawn.append(figure) or "")
+    shown_part._series({"worst": going_north(moments)})
+    for axes, speed, ends in zip(drawn[0].axes, speeds, ((), (0.5,)), strict=True):
+        motion, *marks = axes.lines
+        assert motion.get_ydata() == pytest.approx(np.full(moments, speed))
+        assert tuple(mark.get_xdata()[0] for mark in marks) == ends
