@@ -73,6 +73,16 @@ def test_an_update_is_that_of_rsl_rl(activation, hidden, privileged, piece, monk
         assert float((a - b).abs().max()) < 1e-3 * moved
 
 
+@pytest.mark.parametrize(("rate", "desired", "limit"), [(1.2e-5, 1e-12, 1e-5), (9e-3, 1e9, 1e-2)])
+def test_the_learning_rate_stops_where_that_of_rsl_rl_does(rate, desired, limit):
+    for kind in (PPO, LeanPPO):
+        alg = learner(kind, "elu", (8,), False)
+        alg.learning_rate, alg.desired_kl = rate, desired
+        rollout(alg, 30.0)
+        alg.update()
+        assert alg.learning_rate == limit and {group["lr"] for group in alg.optimizer.param_groups} == {limit}
+
+
 def test_what_it_does_is_sampled_and_judged_by_its_policy():
     alg = learner(LeanPPO, "elu", (16, 16), False)
     seen = observations()
