@@ -48,14 +48,21 @@ def things_at(places, envs: int = 1, radius: float = 1.0):
     return things
 
 
-def look(aircraft, things, hs: float = 0.0, own=None, clock: int = 1, **camera):
+def noise_of(envs: int, clock: int, keys=None):
+    noise = Noise(envs, 7, clock)
+    if keys is not None:
+        noise.keys.copy_(torch.tensor(keys))
+    return noise.table
+
+
+def look(aircraft, things, hs: float = 0.0, own=None, clock: int = 1, keys=None, **camera):
     """The looks of one team, and the camera."""
     envs, count = things.shape[0], aircraft.state.shape[1]
     looks = torch.full((envs, count, things.shape[1], 3), UNSEEN)
     config = CameraConfig(**{"noise_deg": 0.0, "reach": 1e5} | camera)
     made = Camera(config, EXACT, looks, things, torch.full((envs,), hs), aircraft, own or aircraft, first=0)
     made.aim(torch.zeros((envs, count, 2)))
-    made.see(torch.ones(envs, dtype=torch.int32), envs, Noise(envs, 7, clock).table)
+    made.see(torch.ones(envs, dtype=torch.int32), envs, noise_of(envs, clock, keys))
     return looks, made
 
 
@@ -112,13 +119,13 @@ def test_a_heading_that_is_off_turns_what_is_found():
     torch.testing.assert_close(looks[0, 0, 0, :2], turned + torch.tensor([200.0, 0.0]), atol=0.05, rtol=0)
 
 
-def see(boats, things, elevation=None, **lookout):
+def see(boats, things, elevation=None, keys=None, **lookout):
     envs = things.shape[0]
     looks = torch.full((envs, boats.state.shape[1], things.shape[1], 3), UNSEEN)
     config = LookoutConfig(**{"range_noise": 0.0, "bearing_noise_deg": 0.0, "dropout": 0.0} | lookout)
     flat = elevation or (lambda points: torch.zeros(points.shape[:-1]))
     made = Lookout(config, EXACT, looks, things, boats, boats, flat)
-    made.see(torch.ones(envs, dtype=torch.int32), envs, Noise(envs, 7, 1).table)
+    made.see(torch.ones(envs, dtype=torch.int32), envs, noise_of(envs, 1, keys))
     return looks, made
 
 
@@ -128,6 +135,18 @@ def test_a_lookout_sees_the_vessel_and_obstacles_within_its_ranges():
     assert (looks[0, :, 0, Sighting.VARIANCE] > 0).tolist() == [True, True, False]
     assert (looks[0, 0, :, Sighting.VARIANCE] > 0).tolist() == [True, True, False, True]
     torch.testing.assert_close(looks[0, 0, 3, :2], torch.tensor([10.0, 5.0]))
+
+
+@pytest.mark.parametrize("who", ["camera", "lookout"])
+def test_looks_err_alike_where_environments_have_the_same_key(who):
+    things, keys = things_at([(40.0, 5.0)], 3), (4, 9, 4)
+    if who == "camera":
+        looks, _ = look(views([(0, 0, -100)], envs=3), things, noise_deg=0.3, keys=keys)
+    else:
+        looks, _ = see(views([(0, 0, 0)], envs=3), things, range_noise=2.0, bearing_noise_deg=1.0, keys=keys)
+    assert bool((looks[..., Sighting.VARIANCE] > 0).all())
+    first, other, same = looks[:, 0, 0, :2]
+    assert first.equal(same) and float((first - other).abs().min()) > 1e-3
 
 
 def test_crests_hide_the_vessel():
