@@ -271,7 +271,7 @@ def test_the_ring_of_a_slot_goes_round_the_body_in_it(monkeypatch: pytest.Monkey
     )
     *_, above = figures.formation_figure(make_episode(1, ("uav",), steps=2)).axes
     assert len(bodies) == len(figures.VIEWS)
-    ring = np.ptp(above.lines[0].get_data_3d()[0])  # pyright: ignore[reportAttributeAccessIssue]
+    ring = np.ptp(above.lines[0].get_data_3d()[0])
     body = np.ptp(bodies[-1].reshape(-1, 3)[:, :2], axis=0).max()
     assert body < ring < 2 * body
 
