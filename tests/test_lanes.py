@@ -10,11 +10,12 @@ import pytest
 import taichi as ti
 import torch
 
-from taichi_sim.kernels import lanes
+from taichi_sim.kernels import lanes, runtime
 from taichi_sim.kernels.lanes import WIDTH, laned1, laned_totals, totals, variables
-from taichi_sim.kernels.runtime import array1
+from taichi_sim.kernels.runtime import Launcher, array1
 
 FORMS = 9
+Rows = ti.types.argpack(rows=laned1)
 
 
 @pytest.fixture(params=[True, False], ids=["linked", "plain"])
@@ -89,3 +90,18 @@ def test_the_bitcode_has_the_functions_of_its_source():
     """Each by its name."""
     names = re.findall(r"@(lanes_\w+)", lanes.BITCODE.with_suffix(".ll").read_text())
     assert len(names) == 6 and all(name.encode() in lanes.BITCODE.read_bytes() for name in names)
+
+
+def test_vectors_begin_at_multiples_of_their_size():
+    @ti.kernel
+    def double(given: Rows):
+        for n in given.rows:
+            given.rows[n] = 2 * given.rows[n]
+
+    numbers = torch.ones(3 * WIDTH + 1)
+    with lanes.vectors():
+        launcher = Launcher(double)
+        launcher(runtime.pack(Rows, rows=numbers[:-1].view(3, WIDTH)))
+        with pytest.raises(ValueError, match="a multiple of the vector's size"):
+            launcher(runtime.pack(Rows, rows=numbers[1:].view(3, WIDTH)))
+    assert numbers.tolist() == [2.0] * (3 * WIDTH) + [1.0]
