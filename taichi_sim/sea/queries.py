@@ -48,9 +48,7 @@ def surface(out: array2, points: array2, phase: array2, sea: array3, env_sea: wh
         L = waves.invert_label(sea, phase, count, s, i, points[i, NORTH], points[i, EAST], zero, NEWTON_ITERATIONS)
         j = waves.jacobian(sea, phase, count, s, i, L[0], L[1], zero)
         slope = waves.slope_at_label(sea, phase, count, s, i, L[0], L[1], zero)
-        v = waves.surface_velocity(sea, phase, count, s, i, L[0], L[1], zero)
-        a = waves.surface_acceleration(sea, phase, count, s, i, L[0], L[1], zero)
-        v[2], a[2] = -v[2], -a[2]  # down
+        v, a = waves.surface_motion(sea, phase, count, s, i, L[0], L[1], zero)
         out[i, HEIGHT] = waves.elevation_at_label(sea, phase, count, s, i, L[0], L[1], zero)
         out[i, JACOBIAN] = j[0] * j[2] - j[1] * j[1]
         for k in ti.static(range(2)):

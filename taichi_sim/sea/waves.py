@@ -200,31 +200,17 @@ def slope_at_label(sea: ti.template(), phase: ti.template(), count: ti.template(
 
 
 @ti.func
-def surface_velocity(sea: ti.template(), phase: ti.template(), count: ti.template(), s, row, X, Y, tau):
-    """Velocity (north, east, up; m/s) of the surface particle with label (X, Y)."""
-    vx, vy, vz = X * 0.0, X * 0.0, X * 0.0
+def surface_motion(sea: ti.template(), phase: ti.template(), count: ti.template(), s, row, X, Y, tau):
+    """Velocity (NED, m/s) and acceleration (NED, m/s^2) of the surface particle with label (X, Y)."""
+    v = ti.Vector([X * 0.0, X * 0.0, X * 0.0])
+    a = v
     for c in range(count):
         omega = sea[s, OMEGA, c]
-        theta = sea[s, KX, c] * X + sea[s, KY, c] * Y + phase[row, c] - omega * tau
-        sine, cosine = fast.sincos(theta)
-        vx += sea[s, BX, c] * omega * cosine
-        vy += sea[s, BY, c] * omega * cosine
-        vz += sea[s, AMPLITUDE, c] * omega * sine
-    return ti.Vector([vx, vy, vz])
-
-
-@ti.func
-def surface_acceleration(sea: ti.template(), phase: ti.template(), count: ti.template(), s, row, X, Y, tau):
-    """Acceleration (north, east, up; m/s^2) of the surface particle with label (X, Y)."""
-    ax, ay, az = X * 0.0, X * 0.0, X * 0.0
-    for c in range(count):
-        omega = sea[s, OMEGA, c]
-        theta = sea[s, KX, c] * X + sea[s, KY, c] * Y + phase[row, c] - omega * tau
-        sine, cosine = fast.sincos(theta)
-        ax += sea[s, BX, c] * omega * omega * sine
-        ay += sea[s, BY, c] * omega * omega * sine
-        az -= sea[s, AMPLITUDE, c] * omega * omega * cosine
-    return ti.Vector([ax, ay, az])
+        sine, cosine = fast.sincos(sea[s, KX, c] * X + sea[s, KY, c] * Y + phase[row, c] - omega * tau)
+        bx, by, height = omega * sea[s, BX, c], omega * sea[s, BY, c], omega * sea[s, AMPLITUDE, c]
+        v += ti.Vector([bx * cosine, by * cosine, -height * sine])
+        a += omega * ti.Vector([bx * sine, by * sine, height * cosine])
+    return v, a
 
 
 @ti.func
