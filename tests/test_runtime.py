@@ -207,6 +207,29 @@ def test_packs_of_an_ended_program_are_freed_without_harm():
     assert (done.returncode, done.stdout) == (0, "done\n"), done.stderr
 
 
+ON_GPU = """
+import torch
+
+from taichi_sim.bench import Bench
+from taichi_sim.config import SeaConfig
+from taichi_sim.kernels import runtime
+
+ends = []
+for arch in ("cpu", "cuda"):
+    runtime.init(arch=arch, precision="f64")
+    bench = Bench("unity_boat", sea=SeaConfig(hs=0.5, tp=4.0, realisations=2), envs=2, count=3, seed=1)
+    ends.append(bench.step([0.5, 0.2], 20).state.cpu())
+print((ends[0] - ends[1]).abs().max() < 1e-9)
+"""
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU")
+def test_vehicles_move_on_a_gpu_as_on_the_cpu():
+    """In a process of its own, because its programs void the kernels of other tests."""
+    done = subprocess.run([sys.executable, "-c", ON_GPU], capture_output=True, text=True, env=PATHS, timeout=900)
+    assert (done.returncode, done.stdout.splitlines()[-1:]) == (0, ["tensor(True)"]), done.stderr
+
+
 COMPILED = """
 import taichi as ti
 import torch

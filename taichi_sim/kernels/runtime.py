@@ -284,9 +284,11 @@ class Launcher:
         impl.get_runtime().prog.launch_kernel(last.compiled, last.context)
 
     def _renew(self) -> None:
-        current()
+        run = current()
         if self._generation != _generation:
             self._generation, self._bound, self._last, self._compiled = _generation, [], None, {}
+        if run.arch == "cuda":  # a launch context is spent: it then points to arguments in the GPU's memory
+            self._bound, self._last = [], None
 
     def _bind(self, args: tuple[object, ...]) -> _Bound:
         """Compile the kernel for `args` if needed, and bind them."""

@@ -64,7 +64,8 @@ def random_decisions(task: Mission) -> Callable[[], object]:
     generator = torch.Generator().manual_seed(STAGGER_SEED)
     sets = [
         {
-            name: cruise(team) + ACTION_SPREAD * torch.randn(team.action.shape, generator=generator)
+            name: cruise(team)
+            + ACTION_SPREAD * torch.randn(team.action.shape, generator=generator).to(team.action.device)
             for name, team in task.teams.items()
         }
         for _ in range(ACTION_SETS)
