@@ -56,6 +56,7 @@ SPEED_SCALE = 10.0  # m/s: squashed speeds are half way to 1 here
 RATE_SCALE = 2.0  # rad/s, rotation of the vehicle
 TURN_SCALE = 0.1  # rad/s, of the target's course
 AGE_SCALE = 1.0  # s, age of the last message
+CHANGE_SCALE = 3.0  # m/s, where a squashed change of velocity is half way to 1
 AHEAD_SCALE, ASIDE_SCALE, CLEAR_SCALE = 20.0, 5.0, 2.0  # m, of encounters
 SLOWEST = 0.1  # m/s: a slower approach has no direction
 OBSERVE = 80.0  # ns per vehicle, about
@@ -218,6 +219,18 @@ def put_air(out: ti.template(), e, i, seen: ti.template(), form: ti.template()):
         out[e, i, form.at.wind + k] = squash(wind_b[k], SPEED_SCALE)
 
 
+@ti.func
+def put_reference(out: ti.template(), e, i, at: ti.template(), axes: ti.template(), velocity: ti.template(),
+                  derived: ti.template()):  # fmt: skip
+    """Write the change that the velocity command [env, vehicle, axes] asks for, in the vehicle's own frame."""
+    change = ti.Vector([0.0, 0.0, 0.0])
+    for a in ti.static(range(axes)):
+        change[a] = velocity[e, i, a] - derived[e, i, VELOCITY + a]
+    own = own_frame(derived, e, i, axes, change)
+    for a in ti.static(range(axes)):
+        out[e, i, at + a] = squash(own[a], CHANGE_SCALE)
+
+
 @ti.kernel
 def _observe(out: array3, seen: SeenPack, action: array3, reference: array3, form: ti.template()):
     ti.loop_config(serialize=form.serial)
@@ -234,7 +247,7 @@ def _observe(out: array3, seen: SeenPack, action: array3, reference: array3, for
             if ti.static(form.radio):
                 out[e, i, form.at.age] = squash(seen.heard[e, i, 0, Message.SIZE], AGE_SCALE)
         if ti.static(form.residual > 0):
-            put(out, e, i, form.at.reference, form.residual, reference, 0)
+            put_reference(out, e, i, form.at.reference, form.residual, reference, seen.derived)
 
 
 class ObservationWriter:
@@ -270,8 +283,8 @@ class ObservationWriter:
     def __call__(self, action: Tensor, reference: Tensor | None) -> Tensor:
         """All terms [env, vehicle, n], side by side in a fresh tensor.
 
-        `action` [env, vehicle, a] is the last one; `reference` is what a residual policy corrects (residual.py), or
-        None.
+        `action` [env, vehicle, a] is the last one; `reference` is the velocity that a residual policy corrects
+        (residual.py), m/s, or None.
         """
         corrected = action if reference is None else reference  # kernels take no empty array
         out = action.new_empty(self._shape)

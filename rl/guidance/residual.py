@@ -43,7 +43,6 @@ class ResidualConfig(Strict):
 
 
 CORRECTIONS = ("velocity ahead (correction)", "velocity to starboard (correction)")
-CHANGE_SCALE = 3.0  # m/s, where a squashed change of velocity is half way to 1
 
 
 @runtime_checkable
@@ -114,7 +113,7 @@ class ResidualTeam(Team):
         residual = self.residual
         if residual is None:
             return action
-        correction = action.clamp(-1.0, 1.0) + 0.0 * action  # keeps NaN and inf
+        correction = action.clamp(-1.0, 1.0)
         if residual.gate is not None:
             correction = correction * self._opened(residual.gate).unsqueeze(-1)
         mates = self.known.sensor
@@ -126,7 +125,8 @@ class ResidualTeam(Team):
             velocity = wanted.velocity + pushed
         else:
             velocity = self._shield.corrected(self.known, wanted.velocity, pushed)
-        return self.corrected.act(self.known, wanted._replace(velocity=velocity)).clamp(-1.0, 1.0)
+        taken = self.corrected.act(self.known, wanted._replace(velocity=velocity)).clamp(-1.0, 1.0)
+        return taken + 0.0 * action.sum(-1, keepdim=True)  # keeps NaN and inf, for kernels may lose them
 
     @property
     def plan_names(self) -> tuple[str, ...]:
@@ -201,21 +201,9 @@ class ResidualTeam(Team):
 
     @property
     def reference_width(self) -> int:
-        """Number of values of `reference`; 0 if the policy acts alone."""
+        """Axes of `reference`; 0 if the policy acts alone."""
         return 0 if self.residual is None else self.axes
 
     def reference(self) -> Tensor | None:
-        """Observation of what the policy corrects; None if it acts alone.
-
-        It is the desired change of velocity in the vehicle's frame [env, vehicle, axes], squashed.
-        """
-        if self.residual is None:
-            return None
-        fleet, change = self.known.fleet, self.wanted.velocity - self.known.fleet.velocity_n[..., : self.axes]
-        if self.axes == 3:
-            own = (change.unsqueeze(-2) @ fleet.R_nb).squeeze(-2)
-        else:
-            c, s = fleet.heading
-            north, east = change.unbind(-1)
-            own = torch.stack((c * north + s * east, c * east - s * north), dim=-1)
-        return own / (own.abs() + CHANGE_SCALE)
+        """The velocity command [env, vehicle, axes] (NED, m/s) that the policy corrects; None if it acts alone."""
+        return None if self.residual is None else self.wanted.velocity

@@ -5,7 +5,7 @@ import torch
 from small_missions import begin, make, wander
 from torch import Tensor
 
-from rl.guidance.residual import CHANGE_SCALE
+from rl.guidance.observations import CHANGE_SCALE
 from rl.learn.policy import CheckpointError, ClassicalPolicy, TrainedPolicy
 from rl.perception.sensors import Obstacle
 from taichi_sim.config import ConfigError

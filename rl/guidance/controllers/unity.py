@@ -12,25 +12,168 @@ k_e and k_v place both poles of the double integrator e at exp(-bandwidth T). Th
 feed-forward. It follows from the acceleration a that the vehicle is about to have:
 
     f*' = ((1 - keep) a + T a*') / gain - d',   a*' = chi' x (chi' x v_s) + k_v (chi' x v_s - a) + k_e e'
+
+Each law is one kernel: as operations of torch, it took a third of the step of a single environment.
 """
 
-import math
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false, reportOptionalCall=false, reportIndexIssue=false
 
-import torch
+import math
+from typing import Any, NamedTuple, cast
+
+import taichi as ti
 from torch import Tensor
 
 from rl.guidance.avoidance import AvoidanceGains, Avoider, SlotController, Wanted
 from rl.guidance.controllers.sampled import held, place_poles
-from rl.guidance.geometry import approach, course_of, cross, turning, wrap
+from rl.guidance.geometry import COURSE_RATE, ERROR, ERROR_RATE, SLOT_VELOCITY, row_of
+from rl.guidance.geometry import V as VELOCITY
 from rl.guidance.knowledge import Knowledge
 from taichi_sim.config import Positive
-from taichi_sim.conventions import AHEAD, DOWN, EAST, GRAVITY, NORTH
+from taichi_sim.conventions import DOWN, EAST, GRAVITY, NORTH, ROLL_RATE
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.abreast import taken
+from taichi_sim.kernels.packs import struct_of, values_at
+from taichi_sim.kernels.rotation import HEADING_COS
+from taichi_sim.kernels.runtime import array1, array3
 from taichi_sim.uav.unity_aircraft import DEG, UnityAircraft
 from taichi_sim.usv.unity_boat import UnityBoat
 
 SPEED_SHARE = 0.95  # largest desired speed, as a share of the top speed; assumed
 MAX_CLIMB = math.radians(60.0)  # of an aircraft's nose: yaw means little near the vertical; assumed
 LEAST_FORCE = 0.5  # m/s^2: a shorter force vector has no direction to follow; assumed
+NEAR = 1e-6  # m: a slot nearer than this has no direction
+LAW = 100.0  # ns per vehicle, about
+
+KnownPack = ti.types.argpack(state=array3, derived=array3, table=array3, target=array3, numbers=array1)
+
+
+class LawForm(NamedTuple):
+    """Compile-time parameters of the kernels."""
+
+    axes: int
+    serial: bool  # run on the calling thread
+
+
+@ti.func
+def swung(v, rate):
+    """Rate of change of a vector that turns with the target's course at `rate` (rad/s)."""
+    change = v * 0.0
+    change[NORTH], change[EAST] = -rate * v[EAST], rate * v[NORTH]
+    return change
+
+
+@ti.func
+def cross(a, b):
+    """Cross product of the level parts: above 0 where b is to starboard of a."""
+    return a[NORTH] * b[EAST] - a[EAST] * b[NORTH]
+
+
+@ti.func
+def turn_to(nose, force):
+    """Angle (rad) from the level part of the `nose` to that of `force`, to starboard."""
+    return ti.atan2(cross(nose, force), nose[NORTH] * force[NORTH] + nose[EAST] * force[EAST])
+
+
+@ti.func
+def limited(x, least, most):
+    """`x` between two bounds."""
+    return ti.min(ti.max(x, least), most)
+
+
+@ti.func
+def approach(error, gain, acceleration):
+    """Rate towards a zero of `error` that can still be stopped: min(gain |e|, sqrt(2 acceleration |e|))."""
+    size = ti.abs(error)
+    rate = ti.min(gain * size, ti.sqrt(2.0 * acceleration * size))
+    return ti.select(error < 0, -rate, rate)
+
+
+@ti.func
+def wanted_force(known: ti.template(), velocity: ti.template(), e, i, g: ti.template(), form: ti.template()):
+    """f* (m/s^2) towards v* = `velocity`, without disturbance."""
+    slot, v = taken(known.table, e, i, SLOT_VELOCITY, form.axes), taken(known.derived, e, i, VELOCITY, form.axes)
+    turn = known.target[e, row_of(known.target, i), COURSE_RATE]
+    acceleration = swung(slot, turn) + g.k_v * (taken(velocity, e, i, NORTH, form.axes) - v)
+    return ((1.0 - g.keep) * v + g.interval * acceleration) / g.gain
+
+
+@ti.func
+def force_rate(known: ti.template(), force, e, i, g: ti.template(), form: ti.template()):
+    """f*' (m/s^3), without disturbance, when `force` (m/s^2, disturbance included) acts now."""
+    slot, v = taken(known.table, e, i, SLOT_VELOCITY, form.axes), taken(known.derived, e, i, VELOCITY, form.axes)
+    turn = known.target[e, row_of(known.target, i), COURSE_RATE]
+    a = (g.gain * force - (1.0 - g.keep) * v) / g.interval
+    slot_a = swung(slot, turn)
+    a_rate = swung(slot_a, turn) + g.k_v * (slot_a - a) + g.k_e * taken(known.table, e, i, ERROR_RATE, form.axes)
+    return ((1.0 - g.keep) * a + g.interval * a_rate) / g.gain
+
+
+@ti.kernel
+def _chase(velocity: array3, known: KnownPack, kind: ti.template(), form: ti.template()):
+    ti.loop_config(serialize=form.serial)
+    for e, i in ti.ndrange(velocity.shape[0], velocity.shape[1]):
+        g = values_at(kind, known.numbers)
+        slot, error = taken(known.table, e, i, SLOT_VELOCITY, form.axes), taken(known.table, e, i, ERROR, form.axes)
+        distance = error.norm()
+        limit = limited(g.top_speed - slot.norm(), 0.1 * g.closing, g.closing)
+        limit = ti.min(limit, ti.sqrt(2.0 * g.braking * distance))
+        v = slot + error * ti.min(g.k_e / g.k_v, limit / ti.max(distance, NEAR))
+        for a in ti.static(range(form.axes)):
+            velocity[e, i, a] = v[a]
+
+
+@ti.kernel
+def _fly(action: array3, velocity: array3, known: KnownPack, kind: ti.template(), form: ti.template()):
+    ti.loop_config(serialize=form.serial)
+    for e, i in ti.ndrange(action.shape[0], action.shape[1]):
+        g = values_at(kind, known.numbers)
+        nose = ti.Vector([known.derived[e, i, 3 * a] for a in ti.static(range(3))])  # first column of R_nb
+        pull = wanted_force(known, velocity, e, i, g, form)
+        force = limited(pull.dot(nose), g.least, g.most)
+        change = force_rate(known, force * nose, e, i, g, form)
+
+        level2 = ti.max(pull[NORTH] * pull[NORTH] + pull[EAST] * pull[EAST], LEAST_FORCE * LEAST_FORCE)
+        level, down = ti.sqrt(level2), pull[DOWN]
+        along = (pull[NORTH] * change[NORTH] + pull[EAST] * change[EAST]) / level2  # relative growth of the level part
+        climb_rate = level * (down * along - change[DOWN]) / (level2 + down * down)
+        turn_rate = cross(pull, change) / level2
+
+        climb = limited(ti.atan2(-down, level), -g.max_climb, g.max_climb)
+        theta = ti.atan2(-nose[DOWN], ti.sqrt(nose[NORTH] * nose[NORTH] + nose[EAST] * nose[EAST]))
+        action[e, i, 0] = rate_action(climb - theta, climb_rate, g.top_pitch, g)
+        action[e, i, 1] = rate_action(turn_to(nose, pull), turn_rate, g.top_yaw, g)
+        action[e, i, 2] = limited(2.0 * ti.log(force / g.least) / ti.log(g.most / g.least) - 1.0, -1.0, 1.0)
+
+
+@ti.func
+def rate_action(error, rate, top_rate, g: ti.template()):
+    """The action in [-1, 1] that turns by `error` (rad) towards a target that turns at `rate` (rad/s)."""
+    left = error - 0.5 * g.interval * rate
+    return limited((rate + approach(left, g.k_attitude, g.smooth_rate * top_rate)) / top_rate, -1.0, 1.0)
+
+
+@ti.kernel
+def _steer(action: array3, velocity: array3, known: KnownPack, kind: ti.template(), form: ti.template()):
+    ti.loop_config(serialize=form.serial)
+    for e, i in ti.ndrange(action.shape[0], action.shape[1]):
+        g = values_at(kind, known.numbers)
+        omega, R = taken(known.state, e, i, ROLL_RATE, 3), taken(known.derived, e, i, 0, 9)  # R_nb by rows
+        push_rate = -GRAVITY * ti.Vector([R[3 * a] * omega[1] - R[3 * a + 1] * omega[0] for a in ti.static(range(2))])
+        push = -GRAVITY * ti.Vector([R[2], R[5]]) + 0.5 * g.interval * push_rate
+        force = wanted_force(known, velocity, e, i, g, form) - push
+
+        nose = taken(known.derived, e, i, HEADING_COS, 2)
+        thrust = limited(force.dot(nose), 0.0, g.most)
+        change = force_rate(known, thrust * nose + push, e, i, g, form) - push_rate
+        rate = cross(force, change) / ti.max(force.dot(force), LEAST_FORCE * LEAST_FORCE)
+
+        left = turn_to(nose, force) - 0.5 * g.interval * rate
+        r = R[6] * omega[0] + R[7] * omega[1] + R[8] * omega[2]
+        r_wanted = rate + approach(left, g.k_psi / g.k_r, g.yaw_acceleration)
+        torque = (g.k_r * (r_wanted - r) + g.damping * r_wanted) / g.yaw_acceleration
+        action[e, i, 0], action[e, i, 1] = 2.0 * thrust / g.most - 1.0, limited(torque, -1.0, 1.0)
 
 
 class ForceGains(AvoidanceGains):
@@ -41,43 +184,48 @@ class ForceGains(AvoidanceGains):
     braking: Positive = 3.0  # m/s^2, deceleration near the slot: sqrt(2 braking |e|) is a limit, too
 
 
-class ForceVector:
-    """The outer loop of a vehicle with top acceleration `thrust` (m/s^2) and `drag` (1/s)."""
+class ForceController(SlotController):
+    """A controller whose kernel `law` follows the desired force. It has no state."""
 
-    def __init__(self, model, gains: "ForceGains", *, thrust: float):
-        """Compute what follows from the `gains`."""
-        self.interval = model.dt * model.substeps
-        self.hold = held(model.dt, model.substeps, model.params.drag)
-        self.k_e, self.k_v = place_poles(held(model.dt, model.substeps), gains.bandwidth, self.interval)
-        self.top_speed = SPEED_SHARE * thrust * self.hold.gain / max(1 - self.hold.keep, 1e-6)
-        self.closing, self.braking, self.avoid = gains.closing, gains.braking, Avoider(gains)
+    STATE = ()
 
-    def velocity(self, team: Knowledge) -> Tensor:
-        """v* [env, vehicle, 2 or 3], m/s."""
-        n = team.axes
-        slot = team.now.slot_velocity[..., :n]
-        chase = self.k_e / self.k_v * team.now.error[..., :n]
-        limit = (self.top_speed - slot.norm(dim=-1, keepdim=True)).clamp(0.1 * self.closing, self.closing)
-        distance = team.now.error[..., :n].norm(dim=-1, keepdim=True)
-        limit = torch.minimum(limit, torch.sqrt(2 * self.braking * distance))
-        chase = chase * (limit / chase.norm(dim=-1, keepdim=True).clamp(min=1e-6)).clamp(max=1.0)
-        return self.avoid(team, slot + chase)
+    def _set_up(self, model: UnityAircraft | UnityBoat, law: Any, *, most: float, **numbers: float) -> None:
+        """Compute what follows from `gains`; `most` is the top acceleration, m/s^2, `numbers` are the law's own."""
+        gains, interval = cast(ForceGains, self.gains), model.dt * model.substeps
+        hold = held(model.dt, model.substeps, model.params.drag)
+        k_e, k_v = place_poles(held(model.dt, model.substeps), gains.bandwidth, interval)
+        top_speed = SPEED_SHARE * most * hold.gain / max(1 - hold.keep, 1e-6)
+        self._numbers = numbers | {
+            "interval": interval, "keep": hold.keep, "gain": hold.gain, "k_e": k_e, "k_v": k_v, "most": most,
+            "top_speed": top_speed, "closing": gains.closing, "braking": gains.braking,
+        }  # fmt: skip
+        self._avoid, self._actions = Avoider(gains), len(model.action_names)
+        self._team: Knowledge | None = None
+        self._chase, self._law = runtime.Launcher(_chase, plain=True), runtime.Launcher(law, plain=True)
 
-    def wanted(self, team: Knowledge, velocity: Tensor, disturbance: Tensor | float = 0.0) -> Tensor:
-        """f* [env, vehicle, 2 or 3], m/s^2, towards v* = `velocity`, against an acceleration `disturbance` d."""
-        n = team.axes
-        slot, v = team.now.slot_velocity[..., :n], team.fleet.velocity_n[..., :n]
-        acceleration = turning(team, slot) + self.k_v * (velocity - v)
-        return ((1 - self.hold.keep) * v + self.interval * acceleration) / self.hold.gain - disturbance
+    def wanted(self, team: Knowledge) -> Wanted:
+        """The velocity command that leads to the slots."""
+        return Wanted(self._avoid(team, self._launch(self._chase, team, team.axes)))
 
-    def change(self, team: Knowledge, force: Tensor, disturbance_rate: Tensor | float = 0.0) -> Tensor:
-        """f*' [env, vehicle, 2 or 3], m/s^3, when `force` (m/s^2, disturbance included) acts now."""
-        n = team.axes
-        slot, v = team.now.slot_velocity[..., :n], team.fleet.velocity_n[..., :n]
-        a = (self.hold.gain * force - (1 - self.hold.keep) * v) / self.interval
-        slot_a = turning(team, slot)
-        a_rate = turning(team, slot_a) + self.k_v * (slot_a - a) + self.k_e * team.now.error_rate[..., :n]
-        return ((1 - self.hold.keep) * a + self.interval * a_rate) / self.hold.gain - disturbance_rate
+    def act(self, team: Knowledge, wanted: Wanted) -> Tensor:
+        """Actions [env, vehicle, action] in [-1, 1] that follow the command."""
+        return self._launch(self._law, team, self._actions, wanted.velocity.contiguous())
+
+    def _launch(self, kernel: runtime.Launcher, team: Knowledge, width: int, *given: Tensor) -> Tensor:
+        """What a kernel writes, [env, vehicle, width]."""
+        state = team.fleet.state
+        if self._team is not team:
+            self._team = team
+            self._known = runtime.Packed(
+                KnownPack, state=state, derived=team.fleet.derived, table=team.now.table, target=team.target.table,
+                numbers=state.new_tensor(list(self._numbers.values())),
+            )  # fmt: skip
+            self._form = LawForm(team.axes, runtime.few(team.fleet.num_envs * team.fleet.count, LAW))
+        out = state.new_empty((*state.shape[:2], width))
+        kernel.once(
+            out, *given, self._known(), struct_of(tuple(self._numbers), runtime.current().precision), self._form
+        )
+        return out
 
 
 class UnityAircraftGains(ForceGains):
@@ -91,8 +239,8 @@ class UnityAircraftGains(ForceGains):
     attitude_bandwidth: Positive = 8.0  # rad/s, of pitch and yaw
 
 
-class UnityAircraftController(SlotController):
-    """Acts for a team of aircraft: the nose follows the desired force, the boost is its projection. It has no state.
+class UnityAircraftController(ForceController):
+    """Acts for a team of aircraft: the nose follows the desired force, the boost is its projection.
 
     Pitch and yaw rates are commanded. A rate changes by at most `smooth_rate` of its range per second: an angle is a
     double integrator with a bounded acceleration, and within that bound a rate command is obeyed at once:
@@ -103,53 +251,20 @@ class UnityAircraftController(SlotController):
     bank does not affect the path.
     """
 
-    STATE = ()
     Gains = UnityAircraftGains
 
     def __init__(self, model: UnityAircraft, gains: UnityAircraftGains | None = None):
         """Compute what follows from the parameters of `model` and the `gains`."""
         p, gains = model.params, gains or UnityAircraftGains()
         self.gains = gains
-        self.interval = model.dt * model.substeps
-        self.per_boost = p.thrust_factor * p.thrust / p.mass  # m/s^2
-        self.boost_min, self.boost_max = p.boost_min, p.boost_max
-        self.force = ForceVector(model, gains, thrust=self.per_boost * p.boost_max)
-        self.k = (1 - math.exp(-gains.attitude_bandwidth * self.interval)) / self.interval
-        self.top_rate = DEG * p.pitch_speed_deg, DEG * p.yaw_speed_deg
-        self.smooth_rate = p.smooth_rate
-        self.max_climb = min(MAX_CLIMB, DEG * p.max_pitch_deg)
-
-    def wanted(self, team: Knowledge) -> Wanted:
-        """The velocity command that leads to the slots."""
-        return Wanted(self.force.velocity(team))
-
-    def act(self, team: Knowledge, wanted: Wanted) -> Tensor:
-        """Actions [env, vehicle, (pitch, yaw, boost)] in [-1, 1]."""
-        pull, nose = self.force.wanted(team, wanted.velocity), team.fleet.R_nb[..., AHEAD]
-        force = (pull * nose).sum(-1).clamp(self.per_boost * self.boost_min, self.per_boost * self.boost_max)
-        climb_rate, turn_rate = _turn(pull, self.force.change(team, force.unsqueeze(-1) * nose))
-
-        level = torch.hypot(pull[..., NORTH], pull[..., EAST]).clamp(min=LEAST_FORCE)
-        climb = torch.atan2(-pull[..., DOWN], level).clamp(-self.max_climb, self.max_climb)
-        _, theta, psi = team.fleet.euler.unbind(-1)
-        pitch = self._command(climb - theta, climb_rate, self.top_rate[0])
-        yaw = self._command(wrap(course_of(pull) - psi), turn_rate, self.top_rate[1])
-        boost = torch.log(force / (self.per_boost * self.boost_min)) / math.log(self.boost_max / self.boost_min)
-        return torch.stack((pitch, yaw, 2 * boost - 1), dim=-1).clamp(-1.0, 1.0)
-
-    def _command(self, error: Tensor, rate: Tensor, top_rate: float) -> Tensor:
-        """The action in [-1, 1] that turns by `error` (rad) towards a target that turns at `rate` (rad/s)."""
-        error = error - 0.5 * self.interval * rate
-        return ((rate + approach(error, self.k, self.smooth_rate * top_rate)) / top_rate).clamp(-1.0, 1.0)
-
-
-def _turn(vector: Tensor, change: Tensor) -> tuple[Tensor, Tensor]:
-    """Rates (rad/s) of the climb angle and the course of `vector` (NED), which changes by `change` per second."""
-    level2 = vector[..., :2].square().sum(-1).clamp(min=LEAST_FORCE**2)
-    along = (vector[..., :2] * change[..., :2]).sum(-1) / level2  # relative growth of the level part
-    down = vector[..., DOWN]
-    climb = level2.sqrt() * (down * along - change[..., DOWN]) / (level2 + down.square())
-    return climb, cross(vector, change) / level2
+        interval = model.dt * model.substeps
+        per_boost = p.thrust_factor * p.thrust / p.mass  # m/s^2
+        self._set_up(
+            model, _fly, most=per_boost * p.boost_max, least=per_boost * p.boost_min,
+            k_attitude=(1 - math.exp(-gains.attitude_bandwidth * interval)) / interval, smooth_rate=p.smooth_rate,
+            top_pitch=DEG * p.pitch_speed_deg, top_yaw=DEG * p.yaw_speed_deg,
+            max_climb=min(MAX_CLIMB, DEG * p.max_pitch_deg),
+        )  # fmt: skip
 
 
 class UnityBoatGains(ForceGains):
@@ -164,8 +279,8 @@ class UnityBoatGains(ForceGains):
     heading_bandwidth: Positive = 6.0  # rad/s
 
 
-class UnityBoatController(SlotController):
-    """Acts for a team of boats: the heading follows the desired force, the thrust is its projection. It has no state.
+class UnityBoatController(ForceController):
+    """Acts for a team of boats: the heading follows the desired force, the thrust is its projection.
 
     The waves push the hull down their slope. The hull floats on that slope, so its own tilt measures the push,
     d = -g (R_nb e_3)_{n,e}. The rate of that vector comes from the body rates; it predicts the push half an interval
@@ -176,41 +291,15 @@ class UnityBoatController(SlotController):
     with its poles at exp(-heading_bandwidth T) for the yaw inertia and angular drag of the vehicle.
     """
 
-    STATE = ()
     Gains = UnityBoatGains
 
     def __init__(self, model: UnityBoat, gains: UnityBoatGains | None = None):
         """Compute what follows from the parameters of `model` and the `gains`."""
         p, gains = model.params, gains or UnityBoatGains()
         self.gains = gains
-        self.thrust = p.force_factor / p.mass
-        self.interval = model.dt * model.substeps
-        self.force = ForceVector(model, gains, thrust=self.thrust)
         yaw = held(model.dt, model.substeps, p.angular_drag)
-        self.k_psi, self.k_r = place_poles(yaw, gains.heading_bandwidth, self.interval)
-        self.damping = (1 - yaw.keep) / yaw.gain
-        self.yaw_acceleration = p.yaw_factor / p.inertia[2]
-
-    def wanted(self, team: Knowledge) -> Wanted:
-        """The velocity command that leads to the slots."""
-        return Wanted(self.force.velocity(team))
-
-    def act(self, team: Knowledge, wanted: Wanted) -> Tensor:
-        """Actions [env, vehicle, (acceleration, yaw)] in [-1, 1]."""
-        R, omega = team.fleet.R_nb, team.fleet.angular_velocity_b
-        down_rate = R[..., :2, 0] * omega[..., 1:2] - R[..., :2, 1] * omega[..., 0:1]  # of R e_3: R (omega x e_3)
-        push_rate = -GRAVITY * down_rate
-        push = -GRAVITY * R[..., :2, 2] + 0.5 * self.interval * push_rate
-        force = self.force.wanted(team, wanted.velocity, push)
-
-        nose = torch.stack(team.fleet.heading, dim=-1)
-        thrust = (force * nose).sum(-1).clamp(0.0, self.thrust)
-        change = self.force.change(team, thrust.unsqueeze(-1) * nose + push, push_rate)
-        square = force.square().sum(-1).clamp(min=LEAST_FORCE**2)
-        rate = cross(force, change) / square
-
-        error = wrap(course_of(force) - course_of(nose)) - 0.5 * self.interval * rate
-        r = (R[..., 2, :] * omega).sum(-1)
-        r_wanted = rate + approach(error, self.k_psi / self.k_r, self.yaw_acceleration)
-        torque = (self.k_r * (r_wanted - r) + self.damping * r_wanted) / self.yaw_acceleration
-        return torch.stack((2 * thrust / self.thrust - 1, torque.clamp(-1.0, 1.0)), dim=-1)
+        k_psi, k_r = place_poles(yaw, gains.heading_bandwidth, model.dt * model.substeps)
+        self._set_up(
+            model, _steer, most=p.force_factor / p.mass, k_psi=k_psi, k_r=k_r,
+            damping=(1 - yaw.keep) / yaw.gain, yaw_acceleration=p.yaw_factor / p.inertia[2],
+        )  # fmt: skip

@@ -22,7 +22,17 @@ from rl.guidance.controllers.fixed_wing_6dof import (
     velocity_through_air,
 )
 from rl.guidance.geometry import COS, COURSE, EAST, NORTH, SIN, SPEED, cross, own_frame, to_starboard
-from rl.guidance.observations import RATE_SCALE, SPEED_SCALE, air_columns, columns, put, put_air, put_squashed, squash
+from rl.guidance.observations import (
+    RATE_SCALE,
+    SPEED_SCALE,
+    air_columns,
+    columns,
+    put,
+    put_air,
+    put_reference,
+    put_squashed,
+    squash,
+)
 from rl.missions.escort.boats import AGE_SCALE, SIGMA_SCALE
 from rl.perception.radio import Message
 from rl.perception.sightings import Sighting
@@ -202,7 +212,7 @@ def _observe(
         if ti.static(len(form.air) > 0):
             put_air(out, e, i, seen, form)
         if ti.static(form.residual > 0):
-            put(out, e, i, form.at.reference, form.residual, reference, 0)
+            put_reference(out, e, i, form.at.reference, form.residual, reference, seen.derived)
 
 
 @ti.func
