@@ -118,6 +118,7 @@ class TrainedPolicy:
         """
         if self._fits is not team:
             self.check(team)
+            self.actor.to(team.fleet.state.device)
             self._fits = team
         return team.command(self.act(team.observe()))
 
