@@ -120,10 +120,14 @@ def bound_file(config: Scenario) -> Path:
     return config_folder() / "oracle" / f"{config.name}.json"
 
 
-def digest(config: Scenario) -> str:
-    """A hash that differs between scenarios whose episodes differ; keys that only learning reads do not count."""
-    data = config.model_dump(mode="json", exclude={"stages", "seed", "evaluation"})
-    for name in config.teams:
+def digest(config: Scenario, team: str) -> str:
+    """A hash that differs between scenarios whose episodes of a team differ; keys that only learning reads do not
+    count, nor do teams that are not simulated with it.
+    """
+    beside = teams_beside(config, team)
+    apart = {name for name in config.teams if name not in beside}
+    data = config.model_dump(mode="json", exclude={"stages", "seed", "evaluation"} | apart)
+    for name in beside:
         for key in LEARNING:
             data.get(name, {}).pop(key, None)
     return hashlib.sha256(json.dumps(data, sort_keys=True, default=str).encode()).hexdigest()[:16]
@@ -137,24 +141,22 @@ def write_bounds(file: Path, config: Scenario, bounds: Mapping[str, Bound]) -> N
 
     teams = {
         team: {
-            "beside": list(b.beside), "seed": b.seed, "price": round(b.price, 3),
+            "digest": digest(config, team), "beside": list(b.beside), "seed": b.seed, "price": round(b.price, 3),
             "classical": plain(b.classical), "oracle": plain(b.oracle),
         }
         for team, b in bounds.items()
     }  # fmt: skip
     file.parent.mkdir(parents=True, exist_ok=True)
-    text = json.dumps({"scenario": config.name, "digest": digest(config), "teams": teams})
+    text = json.dumps({"scenario": config.name, "teams": teams})
     file.write_text(text.replace('], "', '],\n"') + "\n", encoding="utf-8")
 
 
 def read_bounds(config: Scenario, file: Path | None = None) -> dict[str, Bound]:
-    """The stored bounds of a scenario by team; empty without a file or if the scenario's episodes have changed."""
+    """The stored bounds of a scenario by team, without those of teams whose episodes have changed."""
     file = file or bound_file(config)
     if not file.is_file():
         return {}
     data = json.loads(file.read_text(encoding="utf-8"))
-    if data["digest"] != digest(config):
-        return {}
 
     def arrays(values: Mapping[str, list[float | None]]) -> dict[str, Array]:
         return {key: np.array([np.nan if x is None else x for x in row]) for key, row in values.items()}
@@ -162,4 +164,5 @@ def read_bounds(config: Scenario, file: Path | None = None) -> dict[str, Bound]:
     return {
         team: Bound(tuple(b["beside"]), b["seed"], arrays(b["classical"]), arrays(b["oracle"]), b["price"])
         for team, b in data["teams"].items()
+        if b.get("digest") == digest(config, team)
     }

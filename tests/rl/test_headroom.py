@@ -57,8 +57,14 @@ def test_bounds_are_read_back_where_the_episodes_are_the_same(tmp_path):
     again = read_bounds(config, file)["usv"]
     assert again.beside == ("usv",) and again.seed == 5 and again.episodes == 40
     np.testing.assert_array_equal(again.oracle["leader_error_rms_m"], made.oracle["leader_error_rms_m"])
-    for same in ("seed=9", "stages.usv.iterations=3", "usv.residual.velocity=1", "usv.tracking_reward.fine=0"):
-        assert digest(load_scenario("paper", (same,))) == digest(config)
+    for same in (
+        "seed=9",
+        "stages.usv.iterations=3",
+        "usv.residual.velocity=1",
+        "usv.tracking_reward.fine=0",
+        "uav.count=2",
+    ):
+        assert digest(load_scenario("paper", (same,)), "usv") == digest(config, "usv")
     for other in ("sea.hs=1", "usv.control.horizon=4", "obstacles.count=3", "usv.count=5"):
         assert read_bounds(load_scenario("paper", (other,)), file) == {}
     assert read_bounds(config, tmp_path / "none.json") == {}
