@@ -26,12 +26,13 @@ import taichi as ti
 from torch import Tensor
 
 from rl.guidance.avoidance import AvoidanceGains, Avoider, SlotController, Wanted
+from rl.guidance.controllers.laws import LAW, approach, cross, limited, push_of_waves, swung, turn_to, yaw_rate
 from rl.guidance.controllers.sampled import held, place_poles
 from rl.guidance.geometry import COURSE_RATE, ERROR, ERROR_RATE, SLOT_VELOCITY, row_of
 from rl.guidance.geometry import V as VELOCITY
 from rl.guidance.knowledge import Knowledge
 from taichi_sim.config import Positive
-from taichi_sim.conventions import DOWN, EAST, GRAVITY, NORTH, ROLL_RATE
+from taichi_sim.conventions import DOWN, EAST, NORTH, ROLL_RATE
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.packs import struct_of, values_at
@@ -44,7 +45,6 @@ SPEED_SHARE = 0.95  # largest desired speed, as a share of the top speed; assume
 MAX_CLIMB = math.radians(60.0)  # of an aircraft's nose: yaw means little near the vertical; assumed
 LEAST_FORCE = 0.5  # m/s^2: a shorter force vector has no direction to follow; assumed
 NEAR = 1e-6  # m: a slot nearer than this has no direction
-LAW = 100.0  # ns per vehicle, about
 
 KnownPack = ti.types.argpack(state=array3, derived=array3, table=array3, target=array3, numbers=array1)
 
@@ -54,40 +54,6 @@ class LawForm(NamedTuple):
 
     axes: int
     serial: bool  # run on the calling thread
-
-
-@ti.func
-def swung(v, rate):
-    """Rate of change of a vector that turns with the target's course at `rate` (rad/s)."""
-    change = v * 0.0
-    change[NORTH], change[EAST] = -rate * v[EAST], rate * v[NORTH]
-    return change
-
-
-@ti.func
-def cross(a, b):
-    """Cross product of the level parts: above 0 where b is to starboard of a."""
-    return a[NORTH] * b[EAST] - a[EAST] * b[NORTH]
-
-
-@ti.func
-def turn_to(nose, force):
-    """Angle (rad) from the level part of the `nose` to that of `force`, to starboard."""
-    return ti.atan2(cross(nose, force), nose[NORTH] * force[NORTH] + nose[EAST] * force[EAST])
-
-
-@ti.func
-def limited(x, least, most):
-    """`x` between two bounds."""
-    return ti.min(ti.max(x, least), most)
-
-
-@ti.func
-def approach(error, gain, acceleration):
-    """Rate towards a zero of `error` that can still be stopped: min(gain |e|, sqrt(2 acceleration |e|))."""
-    size = ti.abs(error)
-    rate = ti.min(gain * size, ti.sqrt(2.0 * acceleration * size))
-    return ti.select(error < 0, -rate, rate)
 
 
 @ti.func
@@ -160,8 +126,7 @@ def _steer(action: array3, velocity: array3, known: KnownPack, kind: ti.template
     for e, i in ti.ndrange(action.shape[0], action.shape[1]):
         g = values_at(kind, known.numbers)
         omega, R = taken(known.state, e, i, ROLL_RATE, 3), taken(known.derived, e, i, 0, 9)  # R_nb by rows
-        push_rate = -GRAVITY * ti.Vector([R[3 * a] * omega[1] - R[3 * a + 1] * omega[0] for a in ti.static(range(2))])
-        push = -GRAVITY * ti.Vector([R[2], R[5]]) + 0.5 * g.interval * push_rate
+        push, push_rate = push_of_waves(R, omega, 0.5 * g.interval)
         force = wanted_force(known, velocity, e, i, g, form) - push
 
         nose = taken(known.derived, e, i, HEADING_COS, 2)
@@ -170,9 +135,8 @@ def _steer(action: array3, velocity: array3, known: KnownPack, kind: ti.template
         rate = cross(force, change) / ti.max(force.dot(force), LEAST_FORCE * LEAST_FORCE)
 
         left = turn_to(nose, force) - 0.5 * g.interval * rate
-        r = R[6] * omega[0] + R[7] * omega[1] + R[8] * omega[2]
         r_wanted = rate + approach(left, g.k_psi / g.k_r, g.yaw_acceleration)
-        torque = (g.k_r * (r_wanted - r) + g.damping * r_wanted) / g.yaw_acceleration
+        torque = (g.k_r * (r_wanted - yaw_rate(R, omega)) + g.damping * r_wanted) / g.yaw_acceleration
         action[e, i, 0], action[e, i, 1] = 2.0 * thrust / g.most - 1.0, limited(torque, -1.0, 1.0)
 
 

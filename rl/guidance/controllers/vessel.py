@@ -13,19 +13,30 @@ is slower than COURSE_SHARE w, the nose leads the course by `lead` times the cou
 chi' = s (1 + lead) (chi* - chi). There is no lead where a yaw rate first pushes the hull outward: it would do harm.
 """
 
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
 import math
 from typing import NamedTuple
 
+import taichi as ti
 import torch
 from torch import Tensor
 
 from rl.guidance.avoidance import AvoidanceGains, Avoider, SlotController
+from rl.guidance.controllers.laws import LAW, approach, limited, push_of_waves, wrapped, yaw_rate
 from rl.guidance.controllers.sampled import decaying, place_poles
-from rl.guidance.geometry import approach, into, to_starboard, turning, wrap
+from rl.guidance.geometry import COURSE_RATE, row_of, to_starboard, turning
+from rl.guidance.geometry import V as VELOCITY
 from rl.guidance.knowledge import Knowledge
 from rl.mission import ControllerError
 from taichi_sim.config import NonNegative, Positive
-from taichi_sim.conventions import GRAVITY
+from taichi_sim.conventions import EAST, NORTH, ROLL_RATE
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.abreast import taken
+from taichi_sim.kernels.packs import struct_of, values_at
+from taichi_sim.kernels.rotation import HEADING_COS
+from taichi_sim.kernels.runtime import array1, array3
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.usv.hull.thrusters import PropellerPair
 from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof, Manoeuvring3dofParams
@@ -43,6 +54,7 @@ COURSE_TIME = 8.0  # s of the integral of the course error; assumed
 COURSE_ERROR = 0.5  # sine of the course error: larger ones are turns; assumed
 DRIFT_SHARE = 0.2  # of the top speed, the greatest drift; assumed
 EVADING = 1e-3  # m/s: less of a change by avoidance is rounding
+NO_LIMIT = 1e6  # rad/s, of a vessel that nothing keeps from turning
 
 
 class CourseGains(AvoidanceGains):
@@ -61,10 +73,6 @@ class Resistance(NamedTuple):
     a: float
     b: float = 0.0
     c: float = 0.0
-
-    def at(self, x: Tensor) -> Tensor:
-        """d(x)."""
-        return (self.a + self.b * x.abs() + self.c * x * x) * x
 
     def steady(self, load: float) -> float:
         """The x > 0 with d(x) = `load` > 0; infinite without resistance."""
@@ -105,12 +113,6 @@ class VesselDynamics(NamedTuple):
         """Whether a yaw rate first pushes the hull out of the turn: (1 - m11 / m22) u < d23 / m22 at half speed."""
         return (self.m22 - self.m11) * self.top_speed / 2 < self.sway_yaw
 
-    def slide(self, u: Tensor, rate: Tensor) -> Tensor:
-        """Sway (m/s, to port positive) in a steady turn at `rate` (rad/s): d_v(slide) = (m11 u + d23) rate."""
-        load = (self.m11 * u + self.sway_yaw) * rate
-        a, b = self.sway.a, self.sway.b
-        return 2 * load / (a + (a * a + 4 * b * load.abs()).sqrt()).clamp(min=1e-6)
-
 
 class Loops(NamedTuple):
     """Gains of the position loop e' = -k_e e - k_i (integral of e), the speed loop, and the heading loop; all 1/s."""
@@ -147,6 +149,56 @@ class Load(NamedTuple):
     X: Tensor  # N
     Y: Tensor  # N, for vessels that can push to the side
     N: Tensor  # N m
+
+
+SailPack = ti.types.argpack(state=array3, derived=array3, target=array3, numbers=array1)
+
+
+@ti.func
+def resisted(x, a, b, c):
+    """d(x) of the module's equations."""
+    return (a + b * ti.abs(x) + c * x * x) * x
+
+
+@ti.func
+def ahead_aside(v, heading):
+    """Parts of v (NED) along the nose and to starboard of it; `heading`: its cosine and sine."""
+    c, s = heading[0], heading[1]
+    return c * v[NORTH] + s * v[EAST], c * v[EAST] - s * v[NORTH]
+
+
+@ti.func
+def slide(g: ti.template(), u, rate):
+    """Sway (m/s, to port positive) in a steady turn at `rate` (rad/s): d_v(slide) = (m11 u + d23) rate."""
+    load = (g.m11 * u + g.sway_yaw) * rate
+    return 2.0 * load / ti.max(g.sway_a + ti.sqrt(g.sway_a * g.sway_a + 4.0 * g.sway_b * ti.abs(load)), 1e-6)
+
+
+@ti.kernel
+def _follow(
+    load: array3, velocity: array3, change: array3, known: SailPack, kind: ti.template(), serial: ti.template()
+):
+    """Write the loads [env, vehicle, (X, Y, N)] that follow a command; see `Course`."""
+    ti.loop_config(serialize=serial)
+    for e, i in ti.ndrange(load.shape[0], load.shape[1]):
+        g = values_at(kind, known.numbers)
+        omega, R = taken(known.state, e, i, ROLL_RATE, 3), taken(known.derived, e, i, 0, 9)  # R_nb by rows
+        push, _ = push_of_waves(R, omega, 0.5 * g.interval)
+        heading, wanted = taken(known.derived, e, i, HEADING_COS, 2), taken(velocity, e, i, NORTH, 2)
+        u, sway = ahead_aside(taken(known.derived, e, i, VELOCITY, 2), heading)
+        ahead, aside = ahead_aside(wanted, heading)
+        change_x, change_y = ahead_aside(taken(change, e, i, NORTH, 2), heading)
+        push_x, push_y = ahead_aside(push, heading)
+        X = g.m11 * (change_x + g.k_u * (ahead - u) - push_x) + resisted(ahead, g.surge_a, g.surge_b, g.surge_c)
+        Y = g.m22 * (change_y + g.k_u * (aside - sway) - push_y) + resisted(aside, g.sway_a, g.sway_b, g.sway_c)
+
+        speed, turn = ti.max(wanted.norm(), g.least_speed), known.target[e, row_of(known.target, i), COURSE_RATE]
+        off, slip = ti.atan2(aside, ahead), ti.atan2(sway, ti.max(u, g.least_speed))
+        error = wrapped(off + ti.atan2(slide(g, speed, turn), speed) + g.lead * wrapped(off - slip))
+        rate = (change_y - g.wave_share * push_y) / speed + approach(error, g.k_psi, g.turn)
+        rate = limited(rate, -g.top_rate, g.top_rate)
+        N = g.m33 * g.k_r * (rate - yaw_rate(R, omega)) + resisted(rate, g.yaw_a, g.yaw_b, g.yaw_c)
+        load[e, i, 0], load[e, i, 1], load[e, i, 2] = X, Y, N
 
 
 class CourseCommand(NamedTuple):
@@ -186,33 +238,35 @@ class Course:
 
     def __init__(self, vessel: VesselDynamics, gains: CourseGains, interval: float):
         """Compute what follows from the `gains` for decisions every `interval` s."""
-        self.vessel, self.interval, self.gains = vessel, interval, gains
+        self.gains = gains
         self.loops, self.avoid = loops(vessel, gains, interval), Avoider(gains)
         self.drift = Drift(self.loops.k_i, vessel.top_speed, interval)
         self.top_speed, self.least_speed = SPEED_SHARE * vessel.top_speed, LEAST_SHARE * vessel.top_speed
-        self.top_rate = RATE_SHARE * vessel.top_rate
-        self.turn = vessel.moment / vessel.m33
+        self._numbers = {
+            "m11": vessel.m11, "m22": vessel.m22, "m33": vessel.m33, "sway_yaw": vessel.sway_yaw,
+            "interval": interval, "k_u": self.loops.k_u, "k_psi": self.loops.k_psi, "k_r": self.loops.k_r,
+            "lead": self.loops.lead, "wave_share": gains.wave_share, "least_speed": self.least_speed,
+            "top_rate": min(RATE_SHARE * vessel.top_rate, NO_LIMIT), "turn": vessel.moment / vessel.m33,
+        }  # fmt: skip
+        for axis in ("surge", "sway", "yaw"):
+            self._numbers |= {f"{axis}_{x}": number for x, number in getattr(vessel, axis)._asdict().items()}
+        self._follow = runtime.Launcher(_follow, plain=True)
+        self._team: Knowledge | None = None
 
     def load(self, team: Knowledge, wanted: CourseCommand) -> Load:
         """Loads that follow the command."""
-        k, ship = self.loops, self.vessel
-        heading = team.fleet.heading
-        u, sway = into(team.fleet.velocity_n[..., :2], heading)
-        ahead, aside = into(wanted.velocity, heading)
-        change_x, change_y = into(wanted.change, heading)
-        push_x, push_y = into(self._push(team), heading)
-        X = ship.m11 * (change_x + k.k_u * (ahead - u) - push_x) + ship.surge.at(ahead)
-        Y = ship.m22 * (change_y + k.k_u * (aside - sway) - push_y) + ship.sway.at(aside)
-
-        speed = wanted.velocity.norm(dim=-1).clamp(min=self.least_speed)
-        slide = ship.slide(speed, team.target.course_rate)
-        off = torch.atan2(aside, ahead)
-        slip = torch.atan2(sway, u.clamp(min=self.least_speed))
-        error = wrap(off + torch.atan(slide / speed) + k.lead * wrap(off - slip))
-        rate = (change_y - self.gains.wave_share * push_y) / speed + approach(error, k.k_psi, self.turn)
-        rate = rate.clamp(-self.top_rate, self.top_rate)
-        r = (team.fleet.R_nb[..., 2, :] * team.fleet.angular_velocity_b).sum(-1)
-        return Load(X, Y, ship.m33 * k.k_r * (rate - r) + ship.yaw.at(rate))
+        state = team.fleet.state
+        if self._team is not team:
+            self._team = team
+            self._known = runtime.Packed(
+                SailPack, state=state, derived=team.fleet.derived, target=team.target.table,
+                numbers=state.new_tensor(list(self._numbers.values())),
+            )  # fmt: skip
+        out = state.new_empty((*state.shape[:2], len(Load._fields)))
+        kind = struct_of(tuple(self._numbers), runtime.current().precision)
+        few = runtime.few(out.shape[0] * out.shape[1], LAW)
+        self._follow.once(out, wanted.velocity.contiguous(), wanted.change.contiguous(), self._known(), kind, few)
+        return Load(*out.unbind(-1))
 
     def wanted(self, team: Knowledge) -> CourseCommand:
         """The velocity command v*, and its rate of change v*', that lead the vessels to their slots."""
@@ -243,12 +297,6 @@ class Course:
             return self.top_speed - own
         toward = (slot * chase).sum(-1, keepdim=True) / chase.norm(dim=-1, keepdim=True).clamp(min=1e-6)
         return (self.top_speed**2 - own * own + toward * toward).clamp(min=0.0).sqrt() - toward
-
-    def _push(self, team: Knowledge) -> Tensor:
-        """Acceleration [env, vehicle, 2] (m/s^2, NED) by the waves, half an interval ahead."""
-        R, omega = team.fleet.R_nb, team.fleet.angular_velocity_b
-        down_rate = R[..., :2, 0] * omega[..., 1:2] - R[..., :2, 1] * omega[..., 0:1]  # of R e_3: R (omega x e_3)
-        return -GRAVITY * (R[..., :2, 2] + 0.5 * self.interval * down_rate)
 
 
 class Drift:
