@@ -34,6 +34,7 @@ with it. Frame: NED.
 # pyright: reportInvalidTypeForm=false, reportOptionalCall=false, reportIndexIssue=false
 
 import math
+from collections.abc import Callable
 from typing import ClassVar, NamedTuple
 
 import taichi as ti
@@ -42,15 +43,14 @@ from torch import Tensor
 
 from rl.guidance.geometry import COURSE_RATE, SLOT_VELOCITY, row_of
 from rl.guidance.geometry import V as VELOCITY
-from rl.guidance.knowledge import Knowledge
+from rl.guidance.knowledge import Knowledge, KnownPack, TeamKernel
 from rl.perception.sensors import Mate, Obstacle
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.conventions import EAST, NORTH
-from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
-from taichi_sim.kernels.packs import struct_of, values_at
+from taichi_sim.kernels.packs import values_at
 from taichi_sim.kernels.rotation import HEADING_COS
-from taichi_sim.kernels.runtime import array1, array3, array4
+from taichi_sim.kernels.runtime import array3
 from taichi_sim.vehicle import Vehicle
 
 FAN, RAYS = math.radians(100.0), 20  # to either side, and how many
@@ -63,10 +63,6 @@ SOONEST = 0.5  # s: lower bound of t, so that leaving a berth is better than mov
 ROUNDING = 1e-3  # of a bound that must hold in spite of rounding
 WITHOUT_END = 1e30  # more than any risk
 AVOID = 500.0  # ns per vehicle, about: few vehicles have something in their way
-
-AroundPack = ti.types.argpack(
-    obstacles=array4, mates=array4, table=array3, derived=array3, target=array3, numbers=array1
-)
 
 
 class AvoidanceGains(Strict):
@@ -84,10 +80,6 @@ class AvoidanceGains(Strict):
     slowing: NonNegative = 0.6
     turning: NonNegative = 0.0
     parting: NonNegative = 0.0  # s from now at which a gap to a team mate inside the margin counts too; 0: at the least
-
-
-Gains = AvoidanceGains  # its earlier name
-NUMBERS = (*AvoidanceGains.model_fields, "radius")  # parameters of the kernel; radius of a vehicle, m
 
 
 class Wanted(NamedTuple):
@@ -121,16 +113,6 @@ class SlotController:
     def act(self, team: Knowledge, wanted: Wanted) -> Tensor:
         """Actions [env, vehicle, action] in [-1, 1] that follow the command."""
         raise NotImplementedError
-
-
-class AvoidanceForm(NamedTuple):
-    """Compile-time parameters of the kernel."""
-
-    obstacles: int
-    mates: int
-    paces: tuple[float, ...]
-    chases: tuple[float, ...]  # shares of the velocity towards a slot about a target
-    serial: bool  # run on the calling thread
 
 
 @ti.func
@@ -209,7 +191,7 @@ def apart(a, b):
 
 
 @ti.kernel
-def _avoid(velocity: array3, around: AroundPack, kind: ti.template(), form: ti.template()):
+def _avoid(velocity: array3, around: KnownPack, kind: ti.template(), form: ti.template()):
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(velocity.shape[0], velocity.shape[1]):
         g = values_at(kind, around.numbers)
@@ -224,18 +206,18 @@ def _avoid(velocity: array3, around: AroundPack, kind: ti.template(), form: ti.t
             heading = taken(around.derived, e, i, HEADING_COS, 2)
             least += g.lean * apart(direct, now) / speed + g.turning * off_heading(direct, heading)
             stay = least * 0.0  # the cost of not closing at all
-            if ti.static(len(form.chases) > 0):
+            if ti.static(form.about):
                 stay = CALM * apart(direct, slot) / speed
                 straight = direct
-                chases = ti.Vector(form.chases)
-                for k in range(ti.static(len(form.chases))):
+                chases = ti.Vector(CHASES)
+                for k in range(ti.static(len(CHASES))):
                     v = slot + chases[k] * (direct - slot)
                     cost = stay * (1.0 - chases[k]) + g.lean * apart(v, now) / speed
                     if cost < least:
                         cost += risks(v, now, around, e, i, least - cost, g, form)
                         if cost < least:
                             least, best = cost, v
-            paces, length = ti.Vector(form.paces), straight.norm()
+            paces, length = ti.Vector(PACES), straight.norm()
             for j in range(2 * RAYS + 1):  # from the middle outwards, to either side in turn
                 ray = (j + 1) // 2
                 angle = (ray - 2 * ray * (j % 2)) * ti.static(FAN / RAYS)
@@ -243,7 +225,7 @@ def _avoid(velocity: array3, around: AroundPack, kind: ti.template(), form: ti.t
                 if ti.select(c > 0, ti.abs(s), 1.0) * length >= ti.static(1.0 + ROUNDING) * least * speed:
                     break  # this ray and those further out are too far from `straight`
                 along = ti.Vector([c * straight[0] - s * straight[1], s * straight[0] + c * straight[1]])
-                for p in range(ti.static(len(form.paces))):
+                for p in range(ti.static(len(PACES) if form.stops else 1)):
                     v = paces[p] * along
                     cost = (apart(v, straight) + g.lean * apart(v, now)) / speed
                     cost += g.slowing * (1.0 - paces[p]) + g.turning * off_heading(v, heading)
@@ -255,7 +237,7 @@ def _avoid(velocity: array3, around: AroundPack, kind: ti.template(), form: ti.t
 
 
 @ti.kernel
-def _shield(velocity: array3, correction: array3, around: AroundPack, kind: ti.template(), form: ti.template()):
+def _shield(velocity: array3, correction: array3, around: KnownPack, kind: ti.template(), form: ti.template()):
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(velocity.shape[0], velocity.shape[1]):
         g = values_at(kind, around.numbers)
@@ -278,49 +260,22 @@ def _shield(velocity: array3, correction: array3, around: AroundPack, kind: ti.t
 class Avoider:
     """Collision avoidance of a team."""
 
-    def __init__(self, gains: AvoidanceGains):
+    def __init__(self, gains: AvoidanceGains, kernel: Callable[..., object] = _avoid):
         """Use these gains."""
-        self.gains = gains
-        self._team: Knowledge | None = None
-        self._launch = runtime.Launcher(_avoid, plain=True)
+        self._kernel = TeamKernel(kernel, AVOID, gains.model_dump(include=set(AvoidanceGains.model_fields)))
 
-    def __call__(self, team: Knowledge, velocity: Tensor) -> Tensor:
+    def __call__(self, team: Knowledge, velocity: Tensor, *correction: Tensor) -> Tensor:
         """The velocity [env, vehicle, 2 or 3] (m/s) nearest to `velocity` with which `team` keeps clear."""
-        return self._run(team, velocity)
-
-    def _run(self, team: Knowledge, velocity: Tensor, *correction: Tensor) -> Tensor:
-        if self._team is not team:
-            self._bind(team)
-        kept = velocity.clone(memory_format=torch.contiguous_format)
-        kind = struct_of(NUMBERS, runtime.current().precision)
-        self._launch.once(kept, *correction, self._around(), kind, self._form)
-        return kept
-
-    def _bind(self, team: Knowledge) -> None:
-        self._team, sensor = team, team.sensor
-        numbers = [getattr(self.gains, key) for key in AvoidanceGains.model_fields] + [team.radius]
-        self._around = runtime.Packed(
-            AroundPack, obstacles=sensor.obstacles, mates=sensor.team_mates, table=team.now.table,
-            derived=team.fleet.derived, target=team.target.table, numbers=team.fleet.state.new_tensor(numbers),
-        )  # fmt: skip
-        few = runtime.few(team.fleet.num_envs * team.fleet.count, AVOID)
-        paces = PACES if team.fleet.model.limits.stops else PACES[:1]
-        chases = CHASES if team.now.about else ()
-        self._form = AvoidanceForm(sensor.num_obstacles, sensor.num_mates, paces, chases, few)
+        return self._kernel(team, velocity.clone(memory_format=torch.contiguous_format), *correction)
 
 
 class Shield(Avoider):
     """Scales down a correction of the velocity command where it adds more collision risk than it is worth.
 
     Of a correction c to the velocity v, it keeps the share s in [0, 1] that minimises  (1 - s) |c| / |v| + the sum of
-    the risks of all bodies at the velocity v + s c.
+    the risks of all bodies at the velocity v + s c. It is called with the correction (level, m/s), too.
     """
 
     def __init__(self, gains: AvoidanceGains):
         """Use these gains."""
-        super().__init__(gains)
-        self._launch = runtime.Launcher(_shield, plain=True)
-
-    def corrected(self, team: Knowledge, velocity: Tensor, correction: Tensor) -> Tensor:
-        """`velocity` [env, vehicle, 2 or 3] (m/s) plus the safe share of a level `correction` of the same shape."""
-        return self._run(team, velocity, correction.contiguous())
+        super().__init__(gains, _shield)

@@ -1,7 +1,9 @@
 """Knowledge of a team, true or measured: the input of classical controllers and policies."""
 
-from typing import Protocol
+from collections.abc import Callable, Mapping
+from typing import NamedTuple, Protocol
 
+import taichi as ti
 from torch import Tensor
 
 from rl.guidance.geometry import SlotErrors, Target
@@ -9,6 +11,14 @@ from rl.perception.instruments import Readings
 from rl.perception.radio import Radio
 from rl.perception.sensors import Nearby
 from taichi_sim.fleet import Fleet
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.packs import struct_of
+from taichi_sim.kernels.runtime import array1, array3, array4
+
+KnownPack = ti.types.argpack(
+    state=array3, derived=array3, table=array3, target=array3, obstacles=array4, mates=array4, numbers=array1
+)
+"""Tensors of a `Knowledge`, and the numbers of a `TeamKernel`."""
 
 
 class Knowledge(Protocol):
@@ -62,3 +72,47 @@ class Knowledge(Protocol):
     def radius(self) -> float:
         """Collision radius of a vehicle, m."""
         ...
+
+
+class KnownForm(NamedTuple):
+    """Compile-time parameters of a `TeamKernel`."""
+
+    axes: int  # of velocities
+    obstacles: int  # sensed by each vehicle
+    mates: int
+    stops: bool  # the vehicle can stop
+    about: bool  # slots are offsets from the target, not from the leader
+    serial: bool  # run on the calling thread
+
+
+class TeamKernel:
+    """A kernel that decides for each vehicle of a team by what the team knows.
+
+    Its arguments are the tensor that it writes [env, vehicle, n], tensors that each call gives, a `KnownPack`, the
+    struct of its numbers (`values_at`), and a `KnownForm`.
+    """
+
+    def __init__(self, kernel: Callable[..., object], each: float, numbers: Mapping[str, float]):
+        """Take a kernel of `each` ns per vehicle, about; "radius", that of a vehicle (m), joins its `numbers`."""
+        self._launch, self._each, self._numbers = runtime.Launcher(kernel, plain=True), each, numbers
+        self._team: Knowledge | None = None
+
+    def __call__(self, team: Knowledge, out: Tensor | int, *given: Tensor) -> Tensor:
+        """What the kernel writes for `team`: into `out`, or into a fresh tensor of that many columns."""
+        fleet, sensor = team.fleet, team.sensor
+        if self._team is not team:
+            self._team, limits = team, fleet.model.limits
+            self._known = runtime.Packed(
+                KnownPack, state=fleet.state, derived=fleet.derived, table=team.now.table, target=team.target.table,
+                obstacles=sensor.obstacles, mates=sensor.team_mates,
+                numbers=fleet.state.new_tensor([*self._numbers.values(), team.radius]),
+            )  # fmt: skip
+            serial = runtime.few(fleet.num_envs * fleet.count, self._each)
+            self._form = KnownForm(
+                team.axes, sensor.num_obstacles, sensor.num_mates, limits.stops, team.now.about, serial
+            )
+        if isinstance(out, int):
+            out = fleet.state.new_empty((fleet.num_envs, fleet.count, out))
+        kind = struct_of((*self._numbers, "radius"), runtime.current().precision)
+        self._launch.once(out, *(x.contiguous() for x in given), self._known(), kind, self._form)
+        return out

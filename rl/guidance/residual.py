@@ -1,12 +1,11 @@
 """Residual policies: a policy corrects the velocity command of its team's classical controller (`ResidualConfig`)."""
 
-from typing import Protocol, cast, runtime_checkable
+from typing import cast
 
 import torch
-from pydantic import model_validator
 from torch import Tensor
 
-from rl.guidance.avoidance import Gains, Shield, Wanted
+from rl.guidance.avoidance import Shield, SlotController, Wanted
 from rl.guidance.knowledge import Knowledge
 from rl.mission import Mission, Team
 from rl.perception.sensors import Mate, Obstacle
@@ -31,36 +30,8 @@ class ResidualConfig(Strict):
     room: NonNegative = 0.0  # m from a team mate's origin: no correction below half of it
     gate: Positive | None = None  # m
 
-    @model_validator(mode="before")
-    @classmethod
-    def _without_share(cls, data: object) -> object:
-        """Accept files of earlier versions, whose `share` of 0 corrected no actions."""
-        if not isinstance(data, dict) or "share" not in data:
-            return data
-        if data["share"]:
-            raise ValueError("share: actions are not corrected any more; `velocity` corrects the controller's velocity")
-        return {key: value for key, value in data.items() if key != "share"}
-
 
 CORRECTIONS = ("velocity ahead (correction)", "velocity to starboard (correction)")
-
-
-@runtime_checkable
-class VelocityController(Protocol):
-    """A classical controller in two steps, between which a residual policy corrects the velocity command."""
-
-    @property
-    def gains(self) -> Gains:
-        """The gains that it was built from."""
-        ...
-
-    def wanted(self, team: Knowledge) -> Wanted:
-        """The velocity command, and what else a controller adds to it."""
-        ...
-
-    def act(self, team: Knowledge, wanted: Wanted) -> Tensor:
-        """Actions [env, vehicle, action] in [-1, 1] that follow the command."""
-        ...
 
 
 class ResidualTeam(Team):
@@ -124,7 +95,7 @@ class ResidualTeam(Team):
         if self._shield is None:
             velocity = wanted.velocity + pushed
         else:
-            velocity = self._shield.corrected(self.known, wanted.velocity, pushed)
+            velocity = self._shield(self.known, wanted.velocity, pushed)
         taken = self.corrected.act(self.known, wanted._replace(velocity=velocity)).clamp(-1.0, 1.0)
         return taken + 0.0 * action.sum(-1, keepdim=True)  # keeps NaN and inf, for kernels may lose them
 
@@ -139,10 +110,9 @@ class ResidualTeam(Team):
         """Vehicle actions of the classical controller, whose velocity is corrected; see Team.planned."""
         if not hasattr(self.controller, "wanted"):
             return super().planned(correction, known)
-        controller = cast(VelocityController, self.controller)
         view = cast(Knowledge, self if known is None else known)
-        wanted = controller.wanted(view)
-        return controller.act(view, wanted._replace(velocity=wanted.velocity + self.pushed(correction)))
+        wanted = self.corrected.wanted(view)
+        return self.corrected.act(view, wanted._replace(velocity=wanted.velocity + self.pushed(correction)))
 
     def _opened(self, gate: float) -> Tensor:
         """Share [env, vehicle] of a correction that the `gate` (m) lets through."""
@@ -170,27 +140,23 @@ class ResidualTeam(Team):
         Raises:
             ConfigError: if a residual policy is configured and there is no controller that it could correct.
         """
-        if self._controller is None and self.residual is not None:
-            found = super().controller
-            if not isinstance(found, VelocityController):
+        residual = self.residual
+        if self._controller is None and residual is not None:
+            if not hasattr(found := super().controller, "wanted"):
                 raise ConfigError(
                     f"{self.name}.residual: there is no classical controller to correct for "
                     f"{self.name}.vehicle = {self.section.vehicle!r}"
                 )
-            if self.residual.shield:
-                self._shield = Shield(self._cautious(found.gains, self.residual))
+            if residual.shield:
+                gains = cast(SlotController, found).gains
+                risks = {"soft": residual.caution * gains.soft, "hard": residual.caution * gains.hard}
+                self._shield = Shield(gains.model_copy(update={"horizon": residual.shield} | risks))
         return super().controller
 
     @property
-    def corrected(self) -> VelocityController:
-        """The classical controller that the residual policy corrects."""
-        return cast(VelocityController, self.controller)
-
-    @staticmethod
-    def _cautious(gains: Gains, residual: ResidualConfig) -> Gains:
-        """Avoidance gains of the shield."""
-        risks = {"soft": residual.caution * gains.soft, "hard": residual.caution * gains.hard}
-        return gains.model_copy(update={"horizon": residual.shield} | risks)
+    def corrected(self) -> SlotController:
+        """The classical controller, whose velocity command is corrected."""
+        return cast(SlotController, self.controller)
 
     @property
     def wanted(self) -> Wanted:

@@ -7,13 +7,13 @@ import pytest
 import torch
 from torch import Tensor
 
-from rl.guidance.avoidance import STEPS, Avoider, Gains, Shield
+from rl.guidance.avoidance import STEPS, AvoidanceGains, Avoider, Shield
 from rl.guidance.geometry import COURSE_RATE, ERRORS_SIZE, SLOT_VELOCITY, TARGET_SIZE, V
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN
 from taichi_sim.vehicle import Limits
 
-GAINS = Gains(acceleration=5.0)
+GAINS = AvoidanceGains(acceleration=5.0)
 RADIUS, SPEED = 2.0, 10.0  # m, m/s
 
 
@@ -48,7 +48,7 @@ def scene(obstacles=(), mates=(), *, rate: float = 0.0, own: tuple[float, float]
     return SimpleNamespace(fleet=fleet, sensor=sensor, now=now, target=target, radius=RADIUS, axes=axes)
 
 
-def steered(team, wanted=(SPEED, 0.0), gains: Gains = GAINS) -> Tensor:
+def steered(team, wanted=(SPEED, 0.0), gains: AvoidanceGains = GAINS) -> Tensor:
     """Velocities [vehicle, 2] that the team is given."""
     velocity = torch.tensor(wanted, dtype=runtime.current().torch_dtype).expand(1, 2, len(wanted))
     return Avoider(gains)(team, velocity)[0]
@@ -138,7 +138,7 @@ def test_out_of_contact_is_the_way_that_is_taken():
 def shielded(team, correction: tuple[float, float], own=(SPEED, 0.0)) -> Tensor:
     """Velocities [vehicle, 2] of a team that goes with `own` and wants to be corrected."""
     own, change = (torch.tensor(x, dtype=runtime.current().torch_dtype).expand(1, 2, 2) for x in (own, correction))
-    return Shield(GAINS).corrected(team, own, change)[0]
+    return Shield(GAINS)(team, own, change)[0]
 
 
 def test_a_correction_is_taken_back_as_far_as_it_leads_into_an_obstacle():

@@ -127,9 +127,3 @@ def test_a_silent_policy_that_corrects_velocities_is_the_classical_controller_in
         expected = classical(side)
         assert side.command(silent).equal(expected.clamp(-1.0, 1.0))
         task.step({team: expected})
-
-
-def test_a_share_of_earlier_versions_is_accepted_if_it_was_none_and_else_refused():
-    assert corrected("usv.residual.share=0.0").teams["usv"].residual.velocity == MOST
-    with pytest.raises(ConfigError, match="usv.residual.*actions are not corrected any more; `velocity` corrects"):
-        corrected("usv.residual.share=0.3")

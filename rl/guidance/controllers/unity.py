@@ -20,7 +20,7 @@ Each law is one kernel: as operations of torch, it took a third of the step of a
 # pyright: reportInvalidTypeForm=false, reportOptionalCall=false, reportIndexIssue=false
 
 import math
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import taichi as ti
 from torch import Tensor
@@ -30,14 +30,13 @@ from rl.guidance.controllers.laws import LAW, approach, cross, limited, push_of_
 from rl.guidance.controllers.sampled import held, place_poles
 from rl.guidance.geometry import COURSE_RATE, ERROR, ERROR_RATE, SLOT_VELOCITY, row_of
 from rl.guidance.geometry import V as VELOCITY
-from rl.guidance.knowledge import Knowledge
+from rl.guidance.knowledge import Knowledge, KnownPack, TeamKernel
 from taichi_sim.config import Positive
 from taichi_sim.conventions import DOWN, EAST, NORTH, ROLL_RATE
-from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
-from taichi_sim.kernels.packs import struct_of, values_at
+from taichi_sim.kernels.packs import values_at
 from taichi_sim.kernels.rotation import HEADING_COS
-from taichi_sim.kernels.runtime import array1, array3
+from taichi_sim.kernels.runtime import array3
 from taichi_sim.uav.unity_aircraft import DEG, UnityAircraft
 from taichi_sim.usv.unity_boat import UnityBoat
 
@@ -45,15 +44,6 @@ SPEED_SHARE = 0.95  # largest desired speed, as a share of the top speed; assume
 MAX_CLIMB = math.radians(60.0)  # of an aircraft's nose: yaw means little near the vertical; assumed
 LEAST_FORCE = 0.5  # m/s^2: a shorter force vector has no direction to follow; assumed
 NEAR = 1e-6  # m: a slot nearer than this has no direction
-
-KnownPack = ti.types.argpack(state=array3, derived=array3, table=array3, target=array3, numbers=array1)
-
-
-class LawForm(NamedTuple):
-    """Compile-time parameters of the kernels."""
-
-    axes: int
-    serial: bool  # run on the calling thread
 
 
 @ti.func
@@ -159,37 +149,20 @@ class ForceController(SlotController):
         hold = held(model.dt, model.substeps, model.params.drag)
         k_e, k_v = place_poles(held(model.dt, model.substeps), gains.bandwidth, interval)
         top_speed = SPEED_SHARE * most * hold.gain / max(1 - hold.keep, 1e-6)
-        self._numbers = numbers | {
+        numbers |= {
             "interval": interval, "keep": hold.keep, "gain": hold.gain, "k_e": k_e, "k_v": k_v, "most": most,
             "top_speed": top_speed, "closing": gains.closing, "braking": gains.braking,
         }  # fmt: skip
         self._avoid, self._actions = Avoider(gains), len(model.action_names)
-        self._team: Knowledge | None = None
-        self._chase, self._law = runtime.Launcher(_chase, plain=True), runtime.Launcher(law, plain=True)
+        self._chase, self._law = TeamKernel(_chase, LAW, numbers), TeamKernel(law, LAW, numbers)
 
     def wanted(self, team: Knowledge) -> Wanted:
         """The velocity command that leads to the slots."""
-        return Wanted(self._avoid(team, self._launch(self._chase, team, team.axes)))
+        return Wanted(self._avoid(team, self._chase(team, team.axes)))
 
     def act(self, team: Knowledge, wanted: Wanted) -> Tensor:
         """Actions [env, vehicle, action] in [-1, 1] that follow the command."""
-        return self._launch(self._law, team, self._actions, wanted.velocity.contiguous())
-
-    def _launch(self, kernel: runtime.Launcher, team: Knowledge, width: int, *given: Tensor) -> Tensor:
-        """What a kernel writes, [env, vehicle, width]."""
-        state = team.fleet.state
-        if self._team is not team:
-            self._team = team
-            self._known = runtime.Packed(
-                KnownPack, state=state, derived=team.fleet.derived, table=team.now.table, target=team.target.table,
-                numbers=state.new_tensor(list(self._numbers.values())),
-            )  # fmt: skip
-            self._form = LawForm(team.axes, runtime.few(team.fleet.num_envs * team.fleet.count, LAW))
-        out = state.new_empty((*state.shape[:2], width))
-        kernel.once(
-            out, *given, self._known(), struct_of(tuple(self._numbers), runtime.current().precision), self._form
-        )
-        return out
+        return self._law(team, self._actions, wanted.velocity)
 
 
 class UnityAircraftGains(ForceGains):

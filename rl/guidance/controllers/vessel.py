@@ -28,15 +28,14 @@ from rl.guidance.controllers.laws import LAW, approach, limited, push_of_waves, 
 from rl.guidance.controllers.sampled import decaying, place_poles
 from rl.guidance.geometry import COURSE_RATE, row_of, to_starboard, turning
 from rl.guidance.geometry import V as VELOCITY
-from rl.guidance.knowledge import Knowledge
+from rl.guidance.knowledge import Knowledge, KnownPack, TeamKernel
 from rl.mission import ControllerError
 from taichi_sim.config import NonNegative, Positive
 from taichi_sim.conventions import EAST, NORTH, ROLL_RATE
-from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
-from taichi_sim.kernels.packs import struct_of, values_at
+from taichi_sim.kernels.packs import values_at
 from taichi_sim.kernels.rotation import HEADING_COS
-from taichi_sim.kernels.runtime import array1, array3
+from taichi_sim.kernels.runtime import array3
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.usv.hull.thrusters import PropellerPair
 from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof, Manoeuvring3dofParams
@@ -151,9 +150,6 @@ class Load(NamedTuple):
     N: Tensor  # N m
 
 
-SailPack = ti.types.argpack(state=array3, derived=array3, target=array3, numbers=array1)
-
-
 @ti.func
 def resisted(x, a, b, c):
     """d(x) of the module's equations."""
@@ -175,11 +171,9 @@ def slide(g: ti.template(), u, rate):
 
 
 @ti.kernel
-def _follow(
-    load: array3, velocity: array3, change: array3, known: SailPack, kind: ti.template(), serial: ti.template()
-):
+def _follow(load: array3, velocity: array3, change: array3, known: KnownPack, kind: ti.template(), form: ti.template()):
     """Write the loads [env, vehicle, (X, Y, N)] that follow a command; see `Course`."""
-    ti.loop_config(serialize=serial)
+    ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(load.shape[0], load.shape[1]):
         g = values_at(kind, known.numbers)
         omega, R = taken(known.state, e, i, ROLL_RATE, 3), taken(known.derived, e, i, 0, 9)  # R_nb by rows
@@ -242,31 +236,19 @@ class Course:
         self.loops, self.avoid = loops(vessel, gains, interval), Avoider(gains)
         self.drift = Drift(self.loops.k_i, vessel.top_speed, interval)
         self.top_speed, self.least_speed = SPEED_SHARE * vessel.top_speed, LEAST_SHARE * vessel.top_speed
-        self._numbers = {
+        numbers = {
             "m11": vessel.m11, "m22": vessel.m22, "m33": vessel.m33, "sway_yaw": vessel.sway_yaw,
             "interval": interval, "k_u": self.loops.k_u, "k_psi": self.loops.k_psi, "k_r": self.loops.k_r,
             "lead": self.loops.lead, "wave_share": gains.wave_share, "least_speed": self.least_speed,
             "top_rate": min(RATE_SHARE * vessel.top_rate, NO_LIMIT), "turn": vessel.moment / vessel.m33,
         }  # fmt: skip
         for axis in ("surge", "sway", "yaw"):
-            self._numbers |= {f"{axis}_{x}": number for x, number in getattr(vessel, axis)._asdict().items()}
-        self._follow = runtime.Launcher(_follow, plain=True)
-        self._team: Knowledge | None = None
+            numbers |= {f"{axis}_{x}": number for x, number in getattr(vessel, axis)._asdict().items()}
+        self._follow = TeamKernel(_follow, LAW, numbers)
 
     def load(self, team: Knowledge, wanted: CourseCommand) -> Load:
         """Loads that follow the command."""
-        state = team.fleet.state
-        if self._team is not team:
-            self._team = team
-            self._known = runtime.Packed(
-                SailPack, state=state, derived=team.fleet.derived, target=team.target.table,
-                numbers=state.new_tensor(list(self._numbers.values())),
-            )  # fmt: skip
-        out = state.new_empty((*state.shape[:2], len(Load._fields)))
-        kind = struct_of(tuple(self._numbers), runtime.current().precision)
-        few = runtime.few(out.shape[0] * out.shape[1], LAW)
-        self._follow.once(out, wanted.velocity.contiguous(), wanted.change.contiguous(), self._known(), kind, few)
-        return Load(*out.unbind(-1))
+        return Load(*self._follow(team, len(Load._fields), wanted.velocity, wanted.change).unbind(-1))
 
     def wanted(self, team: Knowledge) -> CourseCommand:
         """The velocity command v*, and its rate of change v*', that lead the vessels to their slots."""

@@ -26,7 +26,7 @@ class TrackingReward(Strict):
     coarse_scale: Positive = 8.0  # m
     fine: NonNegative = 1.0  # 1 / (1 + (d / fine_scale)^2)
     fine_scale: Positive = 0.5  # m
-    approach: NonNegative = 0.02  # -d per metre
+    approach: NonNegative = 0.02  # -d per metre: its gradient does not vanish far away
     squared: NonNegative = 0.0  # -d^2 per square metre, up to squared_limit
     squared_limit: Positive = 15.0  # m
     action_rate: NonNegative = 0.02  # -|a - a_previous|^2
@@ -52,11 +52,6 @@ def paper_uav_follower(d: Tensor) -> Tensor:
     return torch.where(d < 100.0, 1 - 0.025 * d, torch.zeros_like(d))
 
 
-def approach(d: Tensor) -> Tensor:
-    """-d: its gradient does not vanish far away."""
-    return -d
-
-
 def squared(d: Tensor, limit: float) -> Tensor:
     """-d^2 up to `limit` (m): the quantity of the rms error."""
     return -d.clamp(max=limit).square()
@@ -65,7 +60,7 @@ def squared(d: Tensor, limit: float) -> Tensor:
 TERMS: dict[str, Callable[["TeamTask", Endings, TrackingReward], Tensor]] = {
     "coarse": lambda team, ended, w: coarse(team.distance, w.coarse_scale),
     "fine": lambda team, ended, w: fine(team.distance, w.fine_scale),
-    "approach": lambda team, ended, w: approach(team.distance),
+    "approach": lambda team, ended, w: -team.distance,
     "squared": lambda team, ended, w: squared(team.distance, w.squared_limit),
     "action_rate": lambda team, ended, w: action_rate(team.action, team.previous_action),
     "clearance": lambda team, ended, w: clearance(team.sensor.gap, w.clearance_range),

@@ -313,28 +313,26 @@ def check_teams(config: FormationScenario, models: Mapping[str, Vehicle]) -> Non
     Raises:
         ConfigError: naming the key, and the numbers.
     """
+    if config.track.speed_over == "air" and not any(model.medium == "air" for model in models.values()):
+        raise ConfigError(
+            f"track.speed_over = 'air': only {', '.join(models)} is simulated, and nothing flies; it needs 'ground'"
+        )
     for name, model in models.items():
-        section = config.formations[name]
-        least, drawn, width = section.spacings[0], section.formation.spacing_range, 2 * model.collision_radius
+        section, tightest, width = config.formations[name], config.track.min_radius, 2 * model.collision_radius
+        (least, most), drawn = section.spacings, section.formation.spacing_range
         if section.count > 1 and least <= width:
             key = f"formation.spacing_range = {list(drawn)}" if drawn else f"spacing = {least}"
             raise ConfigError(
                 f"{name}.{key}: must be above twice the vehicle's collision_radius, {width} m: neighbours would touch "
                 "in their slots"
             )
-    if config.track.speed_over == "air" and not any(model.medium == "air" for model in models.values()):
-        raise ConfigError(
-            f"track.speed_over = 'air': only {', '.join(models)} is simulated, and nothing flies; it needs 'ground'"
-        )
-    for name, model in models.items():
-        section, least = config.formations[name], config.track.min_radius
         for shape in section.shapes:
-            width = lane_half_width((shape,), section.count, section.spacings[1])
-            if width >= least:
+            reach = lane_half_width((shape,), section.count, most)
+            if reach >= tightest:
                 raise ConfigError(
-                    f"track.min_radius = {least}: {name}'s formation {shape!r} ({name}.count = {section.count}, "
-                    f"{section.spacings[1]:g} m apart) reaches {width:.3g} m to the side of its leader: slots on the "
-                    "inside of the tightest bends would stand still or go backwards"
+                    f"track.min_radius = {tightest}: {name}'s formation {shape!r} ({name}.count = {section.count}, "
+                    f"{most:g} m apart) reaches {reach:.3g} m to the side of its leader: slots on the inside of the "
+                    "tightest bends would stand still or go backwards"
                 )
         _check_flyable(config, f"{name}.vehicle = {section.vehicle!r}", model)
 
