@@ -8,7 +8,7 @@ from torch import Tensor
 from rl.guidance.avoidance import Shield, SlotController, Wanted
 from rl.guidance.knowledge import Knowledge
 from rl.mission import Mission, Team
-from rl.perception.sensors import Mate, Obstacle
+from rl.perception.sensors import Obstacle
 from rl.team import Controller
 from taichi_sim.config import ConfigError, NonNegative, Positive, Strict
 
@@ -17,17 +17,13 @@ class ResidualConfig(Strict):
     """A residual policy corrects the classical controller instead of acting alone.
 
     It corrects the controller's desired velocity, ahead and to starboard along the target's course, after evasion.
-    Three limits apply. The `shield` reduces a correction where the risk that it adds within that time is greater than
-    its size (avoidance.py): no correction then leads into an obstacle that is sensed. Corrections fade out where a team
-    mate is nearer than `room`, to zero at half of it: two vehicles that both corrected, each expecting the other to go
-    straight on, collided more often than two that did not. With a `gate`, corrections fade in as the gap to an obstacle
-    falls from `gate` to half of it, and are exactly zero where no obstacle is within `gate`.
+    The `shield` reduces a correction where the risk that it adds within that time is greater than its size
+    (avoidance.py): no correction then leads into an obstacle that is sensed. With a `gate`, corrections fade in as the
+    gap to an obstacle falls from `gate` to half of it, and are exactly zero where no obstacle is within `gate`.
     """
 
     velocity: NonNegative = 0.0  # m/s, the largest correction of each component; 0: the policy acts alone
     shield: NonNegative = 0.0  # s; 0: no shield
-    caution: Positive = 1.0  # weight of the risks in the shield, relative to the controller's
-    room: NonNegative = 0.0  # m from a team mate's origin: no correction below half of it
     gate: Positive | None = None  # m
 
 
@@ -40,7 +36,7 @@ class ResidualTeam(Team):
     A mission derives its team from this class and gives:
 
     axes: of velocities, 2 of vessels or 3 of aircraft. radius: of a vehicle, m. known: the input of the controller; the
-        gate uses its `sensor.obstacles`, the room its `sensor.team_mates`.
+        gate uses its `sensor.obstacles`.
     """
 
     STATE = ()
@@ -87,10 +83,6 @@ class ResidualTeam(Team):
         correction = action.clamp(-1.0, 1.0)
         if residual.gate is not None:
             correction = correction * self._opened(residual.gate).unsqueeze(-1)
-        mates = self.known.sensor
-        if residual.room and mates.num_mates:
-            nearest = mates.team_mates[..., Mate.DISTANCE].amin(-1, keepdim=True)
-            correction = correction * (nearest * (2 / residual.room) - 1).clamp(0.0, 1.0)
         wanted, pushed = self.wanted, self.pushed(residual.velocity * correction)
         if self._shield is None:
             velocity = wanted.velocity + pushed
@@ -148,9 +140,7 @@ class ResidualTeam(Team):
                     f"{self.name}.vehicle = {self.section.vehicle!r}"
                 )
             if residual.shield:
-                gains = cast(SlotController, found).gains
-                risks = {"soft": residual.caution * gains.soft, "hard": residual.caution * gains.hard}
-                self._shield = Shield(gains.model_copy(update={"horizon": residual.shield} | risks))
+                self._shield = Shield(cast(SlotController, found).gains.model_copy(update={"horizon": residual.shield}))
         return super().controller
 
     @property

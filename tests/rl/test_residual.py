@@ -67,14 +67,6 @@ def test_a_gate_opens_where_an_obstacle_is_near(monkeypatch):
     assert pushes(team, monkeypatch).equal(torch.zeros(3))
 
 
-def test_corrections_fade_out_where_a_team_mate_is_near(monkeypatch):
-    task = corrected("usv.residual.room=20.0", "sea.hs=0")
-    begin(task)
-    team = task.teams["usv"]
-    team.sensor.team_mates[..., 0] = torch.tensor([25.0, 16.0, 9.0]).expand(task.num_envs, 3).unsqueeze(-1)
-    torch.testing.assert_close(pushes(team, monkeypatch), MOST * torch.tensor([1.0, 0.6, 0.0]))
-
-
 @pytest.mark.parametrize("team", ["usv", "uav"])
 def test_a_corrected_velocity_is_flown(team):
     """A policy that always asks for 2 m/s to port is that much to port of a formation that goes straight on."""
