@@ -72,7 +72,12 @@ class Boats(Team):
         self._squares = state.new_zeros((*shape, 3))  # of vertical speed, roll, pitch, averaged over REMEMBERED
         self.served = torch.zeros(shape, dtype=torch.bool, device=state.device)
         table = state.new_zeros((shape[0], 1, TARGET_SIZE))
-        self._view = SimpleNamespace(fleet=self.own, target=Target(table, state[:, 0, :3]))
+        blind = dict.fromkeys(("obstacles", "team_mates"), state.new_zeros((1, 1, 1, 1)))
+        self._view = SimpleNamespace(
+            fleet=self.own, target=Target(table, state[:, 0, :3]), now=SimpleNamespace(table=table, about=False),
+            sensor=SimpleNamespace(**blind, num_obstacles=0, num_mates=0), radius=self.fleet.model.collision_radius,
+            axes=2,
+        )  # fmt: skip
         self.deck: DeckMotion = deck_motion(self.fleet, self.centre)
         self.seen: DeckMotion = deck_motion(self.own, self.centre)
 
