@@ -261,7 +261,7 @@ class Avoider:
     """Collision avoidance of a team."""
 
     def __init__(self, gains: AvoidanceGains, kernel: Callable[..., object] = _avoid):
-        """Use these gains."""
+        """Use these gains; `kernel` chooses among velocities."""
         self._kernel = TeamKernel(kernel, AVOID, gains.model_dump(include=set(AvoidanceGains.model_fields)))
 
     def __call__(self, team: Knowledge, velocity: Tensor, *correction: Tensor) -> Tensor:

@@ -134,7 +134,8 @@ class ResidualTeam(Team):
         """
         residual = self.residual
         if self._controller is None and residual is not None:
-            if not hasattr(found := super().controller, "wanted"):
+            found = super().controller
+            if not all(hasattr(found, part) for part in ("gains", "wanted", "act")):
                 raise ConfigError(
                     f"{self.name}.residual: there is no classical controller to correct for "
                     f"{self.name}.vehicle = {self.section.vehicle!r}"
