@@ -46,7 +46,6 @@ COURSE_SHARE = 0.3  # desired bandwidth of the course, as a share of w; assumed
 MOST_LEAD = 3.0  # assumed
 LAG_SHARE = 0.25  # limit of the poles of the position loop, as a share of s (1 + lead); assumed
 SWAY_SHARE = 0.05  # sway at which its resistance is linearised, as a share of the top speed; assumed
-SPEED_SHARE = 0.95  # largest desired speed, as a share of the top speed; assumed
 LEAST_SHARE = 0.1  # a shorter velocity has no direction to follow; share of the top speed; assumed
 RATE_SHARE = 0.9  # largest desired yaw rate, as a share of the top yaw rate; assumed
 COURSE_TIME = 8.0  # s of the integral of the course error; assumed
@@ -63,6 +62,7 @@ class CourseGains(AvoidanceGains):
     position_share: Positive = 0.11  # both poles of the position loop, as a share of w
     speed_bandwidth: Positive = 2.0  # rad/s, of the speed loop
     closing_share: Positive = 0.35  # limit of what an error adds to the slot's velocity, as a share of the top speed
+    fastest: Positive = 0.95  # largest desired speed, as a share of the top speed; above 1: full thrust from afar
     wave_share: NonNegative = 0.15  # share of the waves' push to starboard that a turn compensates
 
 
@@ -224,8 +224,8 @@ class Course:
 
     Waves: the hull floats on the water's slope, so its tilt measures a = -g (R_nb e_3)_{n,e}. Thrust cancels the part
     along the nose. Only a turn can cancel the part to starboard, and a turn in every wave costs moment and thrust that
-    steering needs: wave_share is small. The heading is fed back and not the course over ground, which contains the sway
-    in waves.
+    steering needs: wave_share is small or 0. The heading is fed back and not the course over ground, which contains the
+    sway in waves.
     """
 
     STATE = ("drift",)
@@ -235,7 +235,7 @@ class Course:
         self.gains = gains
         self.loops, self.avoid = loops(vessel, gains, interval), Avoider(gains)
         self.drift = Drift(self.loops.k_i, vessel.top_speed, interval)
-        self.top_speed, self.least_speed = SPEED_SHARE * vessel.top_speed, LEAST_SHARE * vessel.top_speed
+        self.top_speed, self.least_speed = gains.fastest * vessel.top_speed, LEAST_SHARE * vessel.top_speed
         numbers = {
             "m11": vessel.m11, "m22": vessel.m22, "m33": vessel.m33, "sway_yaw": vessel.sway_yaw,
             "interval": interval, "k_u": self.loops.k_u, "k_psi": self.loops.k_psi, "k_r": self.loops.k_r,
