@@ -69,7 +69,7 @@ def tune(
     """Search for numbers of a team's classical controller: those in `names`, default all.
 
     Raises:
-        ConfigError: if the controller lacks one of `names`.
+        ConfigError: if the controller lacks one of `names`, or one is 0.
         ControllerError: if there is nothing to tune.
     """
     mission = make_mission(config, episodes, seed=derive_seed(seed, "tune"), teams=(team,), source=source)
@@ -81,6 +81,8 @@ def tune(
     wrong = [name for name in names if name not in given]
     if wrong:
         raise ConfigError(f"{team}.control has no {', '.join(wrong)}; allowed are {', '.join(given)}")
+    if zero := [name for name in names if not given[name] > 0]:
+        raise ConfigError(f"{team}.control.{zero[0]} = 0 has no logarithm to search on: set it above 0")
     searched = [name for name in given if (not names or name in names) and given[name] > 0]
 
     def run(numbers: Mapping[str, float], episode: int) -> tuple[float, dict[str, float | None]]:

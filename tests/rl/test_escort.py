@@ -23,6 +23,7 @@ from rl.perception.radio import NEVER
 from rl.perception.sightings import Sighting
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder
+from taichi_sim.kernels.rotation import HEADING_COS
 from taichi_sim.recording.overlays import Lines, Plot
 
 SMALL = ("escort.worlds=8", "sea.realisations=4", "sea.components=6", "episode_duration=40")
@@ -135,6 +136,25 @@ def test_boats_close_in_and_errors_are_of_the_truth():
     torch.testing.assert_close(off, boats.distance, atol=0.02, rtol=0)
     assert float(boats.distance.median()) < 5.0
     assert bool(mission.arrived.all())
+
+
+def test_boats_far_from_the_vessel_use_all_their_thrust():
+    """They ask for 1.05 of the top speed, 2 k n^2 / D11 = 3.0864 m/s; on course, the greater thrust is all there is."""
+    mission = whole()
+    mission.reset()
+    boats = mission.boats
+    assert boats is not None
+    asked = boats.controller.wanted(boats.known).velocity.norm(dim=-1)  # there is no drift yet
+    assert float(asked.max()) == pytest.approx(1.05 * 3.0864, rel=1e-4)
+    sail(mission, 50)
+    wanted = boats.controller.wanted(boats.known).velocity
+    heading = boats.fleet.derived[..., HEADING_COS : HEADING_COS + 2]
+    off = 1 - (wanted * heading).sum(-1) / wanted.norm(dim=-1)
+    ready = (boats.distance > 100) & (wanted.norm(dim=-1) > 3.0864) & (off < 0.005)
+    t = boats.fleet.model.params.thrusters
+    surge, yaw = boats.controller(boats.known)[ready].unbind(-1)
+    greater = 0.5 * (surge + 1) * t.thrust_max + 0.5 * yaw.abs() * (t.thrust_max - t.thrust_min)
+    assert ready.any() and (greater > 0.999 * t.thrust_max).all()
 
 
 def test_charted_obstacles_are_evaded_before_they_are_seen():

@@ -24,9 +24,11 @@ def test_a_bad_number_is_found_again():
     assert found.numbers["closing"] == 4.0  # given by the file, and not searched for
 
 
-def test_unknown_numbers_are_refused():
+def test_unknown_numbers_and_zeros_are_refused():
     with pytest.raises(ConfigError, match="usv.control has no bandwith; allowed are acceleration"):
         tune(load_scenario("paper", TINY), "usv", names=("bandwith",), episodes=4)
+    with pytest.raises(ConfigError, match="usv.control.turning = 0 has no logarithm"):
+        tune(load_scenario("paper", TINY), "usv", names=("turning",), episodes=4)
 
 
 def test_numbers_go_into_the_file_and_nothing_else_changes(tmp_path):

@@ -62,7 +62,7 @@ class CourseGains(AvoidanceGains):
     position_share: Positive = 0.11  # both poles of the position loop, as a share of w
     speed_bandwidth: Positive = 2.0  # rad/s, of the speed loop
     closing_share: Positive = 0.35  # limit of what an error adds to the slot's velocity, as a share of the top speed
-    fastest: Positive = 0.95  # largest desired speed, as a share of the top speed; above 1: full thrust from afar
+    speed_share: Positive = 0.95  # largest desired speed, as a share of the top speed; above 1: full thrust from afar
     wave_share: NonNegative = 0.15  # share of the waves' push to starboard that a turn compensates
 
 
@@ -235,7 +235,7 @@ class Course:
         self.gains = gains
         self.loops, self.avoid = loops(vessel, gains, interval), Avoider(gains)
         self.drift = Drift(self.loops.k_i, vessel.top_speed, interval)
-        self.top_speed, self.least_speed = gains.fastest * vessel.top_speed, LEAST_SHARE * vessel.top_speed
+        self.top_speed, self.least_speed = gains.speed_share * vessel.top_speed, LEAST_SHARE * vessel.top_speed
         numbers = {
             "m11": vessel.m11, "m22": vessel.m22, "m33": vessel.m33, "sway_yaw": vessel.sway_yaw,
             "interval": interval, "k_u": self.loops.k_u, "k_psi": self.loops.k_psi, "k_r": self.loops.k_r,
