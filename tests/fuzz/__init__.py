@@ -1,1 +1,1 @@
-"""Inputs made wrong on purpose, by the thousand: files, overrides, states. All slow; the kinds have a test each elsewhere."""
+"""Inputs made wrong on purpose, by the thousand: files, overrides, states. All of these tests are slow."""
