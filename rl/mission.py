@@ -11,6 +11,7 @@ Observation terms are named: `observe` returns an ordered dictionary. Checkpoint
 widths. A policy refuses observations other than those of its training, and names the difference (learn/policy.py).
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
 from operator import or_
@@ -23,6 +24,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
+from rl.divergence import Divergence, NotFiniteError
 from rl.judge import Judge
 from rl.scenario import Scenario, derive_seed
 from rl.team import Controller, ControllerError, Team
@@ -110,7 +112,7 @@ class Mission(Stateful, Generic[C, T]):
     Team: ClassVar[Callable[..., _Team]] = Team
     Judge: ClassVar[type[_Judge]] = Judge
 
-    STATE: tuple[str, ...] = ("world", "steps", "teams", "which", "noise")
+    STATE: tuple[str, ...] = ("world", "steps", "teams", "which", "noise", "divergence")
     SHARED: tuple[str, ...] = ("generator",)
 
     def __init__(
@@ -137,7 +139,9 @@ class Mission(Stateful, Generic[C, T]):
             [name for name in self.world.teams if name not in self.world.scripts]
         )
         self.prepare()
-        self.reset()
+        with runtime.torch_at_rest():
+            self._reset(self._all, None, {})
+        self.divergence = Divergence(self, self.world, self.device)
 
     def _alike(self, num_envs: int) -> "Mission":
         """Another mission of the same scenario, seed and teams."""
@@ -283,24 +287,58 @@ class Mission(Stateful, Generic[C, T]):
         self.steps += 1
         for name, team in self.teams.items():
             team.previous_action, team.action = team.action, taken[name]
+        gone = self.divergence.gone()
         self.which.fill_(1)
         self.noise.tick()
         self.measure()
         ended = {name: self._ended(team) for name, team in self.teams.items()}
         reward = {name: self._paid(team, ended[name]) for name, team in self.teams.items()}
+        if bool(self.divergence.envs.any()):
+            self._end_diverged(ended, reward, gone)
         terminated = reduce(or_, [e.any.any(dim=1) for e in ended.values()])
         truncated = (self.steps >= self.config.episode_steps) & ~terminated
         return Step(reward, ended, terminated, truncated)
 
     def _ended(self, team: T) -> Endings:
         fleet = team.fleet
-        flags = {**self.endings(team), **fleet.model.endings(fleet, self.world)}
-        flags.setdefault(DIVERGED, ~fleet.state.sum(-1).isfinite())
-        return Endings(flags)
+        return Endings({**self.endings(team), **fleet.model.endings(fleet, self.world), DIVERGED: fleet.never})
 
     def _paid(self, team: T, ended: Endings) -> Tensor:
-        """Reward of each vehicle; -1 where the state is not finite, because no other reward is defined there."""
-        return self.reward(team, ended).masked_fill(ended[DIVERGED], -1.0)
+        """Reward of each vehicle, finite."""
+        reward = self.reward(team, ended)
+        return self.finite(reward, lambda: f"the reward of {team.name!r}", lambda: self.reward(team, ended))
+
+    def _end_diverged(self, ended: dict[str, Endings], reward: dict[str, Tensor], gone: Mapping[str, Tensor]) -> None:
+        """End the episodes of environments that were put to rest for all vehicles, with a reward of -1 for those that
+        have diverged (`gone`) and of 0 for the others: no other is defined there.
+        """
+        envs = self.divergence.envs.unsqueeze(1)
+        for name, team in self.teams.items():
+            flags = {ending: flag & ~envs for ending, flag in ended[name].items()}
+            ended[name] = Endings({**flags, DIVERGED: envs | team.fleet.never})
+            reward[name] = reward[name].masked_fill(envs, 0.0)
+            if name in gone:
+                reward[name] = reward[name].masked_fill(gone[name], -1.0)
+        self.divergence.envs = torch.zeros_like(self.divergence.envs)
+
+    def finite(self, values: Tensor, about: Callable[[], str], again: Callable[[], Tensor]) -> Tensor:
+        """Return `values` [env, ...], finite: where they are not, their environment is put to rest, and they are
+        computed `again`.
+
+        Raises:
+            NotFiniteError: if they still are not finite; `about` says what they are.
+        """
+        if math.isfinite(values.sum()) or bool(values.isfinite().all()):
+            return values
+        self.divergence.rest(~values.isfinite().flatten(1).all(1), f"{about()} is not finite")
+        values = again()
+        if not bool(values.isfinite().all()):
+            raise NotFiniteError(
+                f"{about()} is not finite in environments "
+                f"{(~values.isfinite().flatten(1).all(1)).nonzero().flatten().tolist()[:5]}, though the state of all "
+                f"vehicles is: the fault is in what {type(self).__name__} computes"
+            )
+        return values
 
     def reset(self, envs: Tensor | None = None, *, seas: Tensor | None = None, **where: Tensor) -> None:
         """Begin new episodes in environments `envs` [n] (default: all), on `seas` [n] (default: random ones); `where`
@@ -309,6 +347,7 @@ class Mission(Stateful, Generic[C, T]):
         rows: Tensor = self._all if envs is None else envs
         if len(rows):
             with runtime.torch_at_rest():
+                self.divergence.begin(rows)
                 self._reset(rows, seas, where)
 
     def _reset(self, envs: Tensor, seas: Tensor | None, where: dict[str, Tensor]) -> None:

@@ -75,11 +75,24 @@ class Team(Generic[M, S]):
         return self.fleet.model.action_names
 
     def command(self, action: Tensor) -> Tensor:
-        """Vehicle actions [env, vehicle, a] for policy actions [env, vehicle, `action_names`].
+        """Vehicle actions [env, vehicle, a] for policy actions [env, vehicle, `action_names`]; finite if these are.
 
-        Default: the same. Callers convert a policy's actions by this method before `Mission.step`.
+        Callers convert a policy's actions by this method before `Mission.step`.
         """
+        taken = self.commanded(action)
+        if taken is action or not bool(action.isfinite().all()):
+            return taken
+        return self.mission.finite(taken, lambda: f"the command of {self.name!r}", lambda: self.commanded(action))
+
+    def commanded(self, action: Tensor) -> Tensor:
+        """Compute `command`. Default: the same. What is not finite in `action` must stay so."""
         return action
+
+    def classical(self, controller: Controller) -> Tensor:
+        """Vehicle actions [env, vehicle, a], finite, of a classical controller that acts on what the team knows."""
+        return self.mission.finite(
+            controller(self.known), lambda: f"the classical command of {self.name!r}", lambda: controller(self.known)
+        )
 
     @property
     def plan_names(self) -> tuple[str, ...]:
@@ -111,13 +124,31 @@ class Team(Generic[M, S]):
         return ~self.fleet.never
 
     def observe(self) -> Tensor:
-        """Observations [env, vehicle, n] for the next decision: a fresh tensor each time."""
+        """Observations [env, vehicle, n] for the next decision, finite: a fresh tensor each time."""
         with runtime.torch_at_rest():
-            return torch.cat(list(self.mission.observe(self).values()), dim=-1)
+            return self.mission.finite(self.observations_now(), self._about_observations, self.observations_now)
+
+    def observations_now(self) -> Tensor:
+        """Compute `observe`, a fresh tensor. Default: the terms of `Mission.observe`, side by side."""
+        return torch.cat(list(self.mission.observe(self).values()), dim=-1)
+
+    def _about_observations(self) -> str:
+        """What is observed and not finite, for a message."""
+        seen = self.observations_now()
+        bad = (~seen.isfinite()).flatten(0, -2).any(0).nonzero().flatten().tolist()
+        return f"observation {self.observation_names[bad[0]].partition('.')[0]!r} of {self.name!r}"
 
     @property
     def privileged(self) -> Tensor | None:
         """Privileged information for a critic in training, [env, vehicle, n], a fresh tensor; None: there is none."""
+        truth = self.truth_now()
+        if truth is None:
+            return None
+        again = cast(Callable[[], Tensor], self.truth_now)
+        return self.mission.finite(truth, lambda: f"privileged information of {self.name!r}", again)
+
+    def truth_now(self) -> Tensor | None:
+        """Compute `privileged`. Default: None."""
         return None
 
     @property

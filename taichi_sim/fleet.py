@@ -16,6 +16,7 @@ from taichi_sim.conventions import (
     NO_DECK,
     POSITION,
     QUATERNION,
+    STATE_LIMITS,
     STATE_SIZE,
     SURFACE_SIZE,
     VELOCITY,
@@ -142,6 +143,7 @@ class Fleet(Views):
         self._all = torch.arange(num_envs, device=run.device)
         self._which, self._derive = torch.zeros(num_envs, dtype=torch.int32, device=run.device), Launcher(derive)
         self.never = torch.zeros((num_envs, count), dtype=torch.bool, device=run.device)
+        self._limits = self.state.new_tensor(STATE_LIMITS)
         self.update()
 
     def __repr__(self) -> str:
@@ -192,6 +194,13 @@ class Fleet(Views):
         if key not in self._launchers:
             self._launchers[key] = Launcher(kernel, plain=plain)
         self._launchers[key](*args)
+
+    def diverged(self) -> Tensor | None:
+        """Vehicles, bool [env, vehicle], whose state is not finite or beyond `STATE_LIMITS` (conventions.py); None if
+        there are none.
+        """
+        within = self.state.abs() <= self._limits
+        return None if bool(within.all()) else ~within.all(-1)
 
     def update(self, envs: Tensor | None = None) -> None:
         """Recompute derived quantities in environments `envs` (default: all) after writing to `state` by hand."""

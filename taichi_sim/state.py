@@ -290,7 +290,8 @@ def _put_generator(entry: Entry, now: Any, value: Any) -> None:
         entry.put(_taken(value))
 
 
-def _restored(found: _Walk) -> None:
+def restored(found: _Walk) -> None:
+    """Tell all objects that their state was written."""
     for thing in found.objects:
         if (then := getattr(thing, "restored", None)) is not None:
             then()
@@ -393,7 +394,7 @@ class Stateful:
         write = _Writer()
         for entry in found.entries:
             write(entry, saved.values[entry.path])
-        _restored(found)
+        restored(found)
 
     @runtime.torch_at_rest()
     def copy(self, source_envs: Envs, target_envs: Envs, *, noise: NoiseOf = "shared") -> None:
@@ -416,7 +417,7 @@ class Stateful:
             if entry.of_env and value is not None and not (noise == "own" and isinstance(entry.owner, Noise)):
                 if len(value) == self.num_envs:
                     value[target] = value[source]
-        _restored(found)
+        restored(found)
 
     @runtime.torch_at_rest()
     def fork(self, envs: Envs, copies: int = 1, *, noise: NoiseOf = "shared", into: Any = None) -> Self:
@@ -458,7 +459,7 @@ class Stateful:
                 write(there, value.index_select(0, rows))
             else:
                 write(there, _taken(value))
-        _restored(walk(into))
+        restored(walk(into))
         return into
 
     def _alike(self, num_envs: int) -> Self:

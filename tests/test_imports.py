@@ -43,7 +43,7 @@ LAYERS = (
     ("rl.processes", "rl.course"),
     ("rl.perception",),
     ("rl.scenario",),
-    ("rl.judge", "rl.rewards"),
+    ("rl.divergence", "rl.judge", "rl.rewards"),
     ("rl.team",),
     ("rl.mission",),
     ("rl.guidance", "rl.figures"),

@@ -75,7 +75,7 @@ class ResidualTeam(Team):
         """Names of the policy's outputs, each in [-1, 1]: the vehicle's actions, or corrections."""
         return super().action_names if self.residual is None else CORRECTIONS
 
-    def command(self, action: Tensor) -> Tensor:
+    def commanded(self, action: Tensor) -> Tensor:
         """Vehicle actions: the policy's own, or the classical controller's with its corrections."""
         residual = self.residual
         if residual is None:

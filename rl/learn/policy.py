@@ -182,7 +182,7 @@ class ClassicalPolicy:
         if controller is None:
             kind = type(team.fleet.model).__name__
             raise ControllerError(f"{team.name}: there is no classical controller for the vehicle model {kind}")
-        return controller(team.known)
+        return team.classical(controller)
 
 
 def policies_of(kind: str, run: Path, config: Scenario) -> dict[str, Policy]:

@@ -269,7 +269,7 @@ def path_integral_mean(plans: Tensor, costs: Tensor, temperature: float = TEMPER
 
 def _classical(team: Any) -> Tensor:
     """Actions [env, vehicle, a] of a team's classical controller; 0 without a controller."""
-    return torch.zeros_like(team.fleet.action) if team.controller is None else team.controller(team.known)
+    return torch.zeros_like(team.fleet.action) if team.controller is None else team.classical(team.controller)
 
 
 class HonestPlanner(Planner):

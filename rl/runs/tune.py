@@ -89,7 +89,7 @@ def tune(
         controller = kind(model, kind.Gains(**{**given, **numbers}))
         mission.reseed(derive_seed(seed, "tune", episode))
         mission.reset()
-        seen = run_episodes(mission, {team: lambda t: controller(t.known)})[team]
+        seen = run_episodes(mission, {team: lambda t: t.classical(controller)})[team]
         return float(judge.loss(judge.episodes([seen], config), config).mean()), judge.figures([seen], config)
 
     rng = np.random.default_rng(derive_seed(seed, "candidates"))

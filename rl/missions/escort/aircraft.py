@@ -18,7 +18,6 @@ from rl.perception.sensors import Sensor
 from rl.perception.sightings import Camera
 from taichi_sim.conventions import DOWN, QUATERNION, STATE_SIZE
 from taichi_sim.fleet import Views
-from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import DERIVED_SIZE, HEADING_COS, HEADING_SIN, ROTATION, VELOCITY_N
 
 if TYPE_CHECKING:
@@ -106,13 +105,11 @@ class EscortAircraft(ResidualTeam):
         """Terms of the team's observations and their widths (circling.py)."""
         return self.measured.circle.widths
 
-    def observe(self) -> Tensor:
+    def observations_now(self) -> Tensor:
         """Observations [env, aircraft, n], a fresh tensor each time."""
-        with runtime.torch_at_rest():
-            return self.measured.circle.observe(self.action, self.reference())
+        return self.measured.circle.observe(self.action, self.reference())
 
-    @property
-    def privileged(self) -> Tensor | None:
+    def truth_now(self) -> Tensor | None:
         """Ground truth [env, aircraft, n]: vessel, circle, the boats' result, and the numbers that vary."""
         mission, fleet = self.mission, self.fleet
         to = mission.vessel_place.unsqueeze(1) - fleet.position_n[..., :2]

@@ -17,7 +17,6 @@ from rl.perception.contacts import TrackedContacts
 from rl.perception.instruments import Readings
 from rl.perception.sensors import Sensor
 from rl.perception.sightings import Lookout
-from taichi_sim.kernels import runtime
 
 if TYPE_CHECKING:
     from rl.missions.escort.mission import Escort
@@ -105,15 +104,13 @@ class EscortBoats(ResidualTeam):
         """Terms of the team's observations and their widths: those of formations, and two of the vessel's track."""
         return {**self.observations.widths, "track_age": 1, "track_sigma": 1}
 
-    def observe(self) -> Tensor:
+    def observations_now(self) -> Tensor:
         """Observations [env, boat, n], a fresh tensor each time."""
         age, sigma = (self.tracking.of(self.name, x).unsqueeze(-1) for x in (self.tracking.age, self.tracking.sigma))
-        with runtime.torch_at_rest():
-            row = self.observations(self.action, self.reference())
-            return torch.cat((row, squashed(age, AGE_SCALE), squashed(sigma, SIGMA_SCALE)), dim=-1)
+        row = self.observations(self.action, self.reference())
+        return torch.cat((row, squashed(age, AGE_SCALE), squashed(sigma, SIGMA_SCALE)), dim=-1)
 
-    @property
-    def privileged(self) -> Tensor | None:
+    def truth_now(self) -> Tensor | None:
         """Ground truth [env, boat, n]: the observations without errors of measurement, and the numbers that vary."""
         parts = [self._true(self.action, self.reference())]
         if self.mission.config.varies:

@@ -87,13 +87,11 @@ class TeamTask(ResidualTeam):
         """Terms of the team's observations and their widths (observations.py)."""
         return self.observations.widths
 
-    def observe(self) -> Tensor:
+    def observations_now(self) -> Tensor:
         """Observations [env, vehicle, n] (observations.py), a fresh tensor each time."""
-        with runtime.torch_at_rest():
-            return self.observations(self.action, self.reference())
+        return self.observations(self.action, self.reference())
 
-    @property
-    def privileged(self) -> Tensor | None:
+    def truth_now(self) -> Tensor | None:
         """Ground truth [env, vehicle, n] that its vehicles do not know: errors, surroundings, numbers that vary."""
         parts = []
         if self._true is not None:
@@ -237,12 +235,11 @@ class Formation(Mission[FormationScenario, TeamTask]):
         return team.distance.square() + NEAR_COST * near + ENDED_COST * ended
 
     def endings(self, team: TeamTask) -> dict[str, Tensor]:
-        """Contact with an obstacle or a team mate, too far from the slot, out of the area, or no finite state."""
+        """Contact with an obstacle or a team mate, too far from the slot, or out of the area."""
         return {
             "collided": team.sensor.gap < 0.0,
             "lost": team.distance > team.section.lost_distance,
             "left": team.now.reach > self.config.area / 2,
-            "diverged": ~team.now.total.isfinite(),  # a slot behind a leader that has, too
         }
 
     # -- episodes --------------------------------------------------------------------------------------------------

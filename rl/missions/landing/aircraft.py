@@ -201,7 +201,7 @@ class Aircraft(Team):
         assert self.fleet.touch is not None
         return self.fleet.touch.all_down
 
-    def command(self, action: Tensor) -> Tensor:
+    def commanded(self, action: Tensor) -> Tensor:
         """Vehicle actions [env, aircraft, a] for the policy's actions or corrections."""
         c = self.section.correction
         if c is None:
@@ -403,8 +403,7 @@ class Aircraft(Team):
             terms["reference"] = squashed(into_level(self.wanted - own.velocity_n, heading), SLOW)
         return terms
 
-    @property
-    def privileged(self) -> Tensor | None:
+    def truth_now(self) -> Tensor | None:
         """Ground truth [env, aircraft, n]: deck, wind, wave height, tilt to the deck, time on it, and what varies."""
         mission, deck, fleet = self.mission, self.deck, self.fleet
         to = into_level(deck.place - fleet.position_n, deck.heading)

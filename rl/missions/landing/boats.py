@@ -105,7 +105,7 @@ class Boats(Team):
         """Names of the policy's outputs."""
         return ("course", "speed")
 
-    def command(self, action: Tensor) -> Tensor:
+    def commanded(self, action: Tensor) -> Tensor:
         """Vessel actions [env, boat, a] for a policy's deviations [env, boat, 2] from the ordered course and speed."""
         way, chosen = self.mission.config.course, action.clamp(-1.0, 1.0) + 0.0 * action
         self.chosen = chosen
@@ -119,7 +119,7 @@ class Boats(Team):
 
     def held(self) -> Tensor:
         """The vessels' actions that hold the ordered course and speed."""
-        return self.command(torch.zeros_like(self.chosen))
+        return self.commanded(torch.zeros_like(self.chosen))
 
     def begin(self, envs: Tensor, course: Tensor, speed: Tensor) -> None:
         """Begin episodes in environments `envs` [n] with the ordered `course` and `speed` [n, boat] (rad, m/s)."""
@@ -187,8 +187,7 @@ class Boats(Team):
             "previous_action": self.chosen,
         }
 
-    @property
-    def privileged(self) -> Tensor | None:
+    def truth_now(self) -> Tensor | None:
         """Ground truth [env, boat, n]: the significant wave height, and the numbers and conditions that vary."""
         mission = self.mission
         told = [mission.hs.view(-1, 1, 1).expand(*self.steered.shape, 1) / 4.0]

@@ -250,13 +250,12 @@ class Landing(Mission):
             return {"landed": team.served.float().mean(), "failed": zero, "touch_error_m": zero, "touch_speed": zero}
         ended = step.endings[team.name]
         landed, over = ended["landed"].float().sum(), ended.any.float().sum()
-        now = team.touching.float()
-        touches = now.sum().clamp(min=1.0)
+        touches = team.touching.float().sum().clamp(min=1.0)
         return {
             "landed": landed / team.distance.numel(),
             "failed": (over - landed) / team.distance.numel(),
-            "touch_error_m": (now * team.touch_error).sum() / touches,
-            "touch_speed": (now * team.touch_speed).sum() / touches,
+            "touch_error_m": torch.where(team.touching, team.touch_error, 0.0).sum() / touches,
+            "touch_speed": torch.where(team.touching, team.touch_speed, 0.0).sum() / touches,
         }
 
     def info(self, team: Any) -> dict[str, Tensor]:

@@ -1,0 +1,94 @@
+"""Environments that have diverged: something in them is not finite any more, or beyond what numbers can describe.
+
+They are put to rest at once, before anybody measures them: what is not finite becomes what environment 0 had when the
+mission was made, so that all that is measured, paid and observed stays finite. The episode ends as `diverged` for all
+their vehicles. What has not shown itself by the end of an episode is put to rest before the next one begins.
+"""
+
+import math
+import warnings
+
+import torch
+from torch import Tensor
+
+from taichi_sim.state import Entry, Stateful, restored, walk
+from taichi_sim.world import World
+
+HUGE = 1e15  # beyond it a number is as good as not finite: its square would overflow soon; assumed
+
+
+class NotFiniteError(FloatingPointError):
+    """A mission gives numbers that are not finite, though all that it computes them from is."""
+
+
+class Divergence:
+    """Puts environments of one mission to rest.
+
+    Attributes:
+        envs: bool [env], those put to rest since the last step ended.
+    """
+
+    STATE = ("envs",)
+
+    def __init__(self, mission: Stateful, world: World, device: torch.device):
+        """Keep the numbers of environment 0 of a `mission` whose first episode has begun in `world`."""
+        self._mission, self._world = mission, world
+        self.envs = torch.zeros(mission.num_envs, dtype=torch.bool, device=device)
+        self._found = walk(mission)
+        self._rest = {entry.path: entry.value[0].clone() for entry in self._numbers()}
+        self._shown = [entry for entry in self._numbers() if bool(fine(self._rest[entry.path]).all())]
+        self._told: set[str] = set()
+
+    def _numbers(self) -> list[Entry]:
+        """What is remembered as floats of each environment."""
+        return [
+            entry
+            for entry in self._found.entries
+            if entry.of_env and isinstance(value := entry.value, Tensor) and value.is_floating_point()
+            and len(value) == self._mission.num_envs and value[0].numel()
+        ]  # fmt: skip
+
+    def rest(self, envs: Tensor, cause: str) -> None:
+        """Put environments `envs`, bool [env], to rest, and end their episodes; a warning tells each `cause` once."""
+        if cause not in self._told:
+            self._told.add(cause)
+            text = f"{cause} in environment {int(envs.nonzero()[0])}: its episode ends as diverged"
+            warnings.warn(f"{text} (docs/troubleshooting.md; told once)", RuntimeWarning, stacklevel=2)
+        self._mend(envs.nonzero().flatten())
+        self.envs = self.envs | envs
+
+    def gone(self) -> dict[str, Tensor]:
+        """Put environments to rest whose vehicles have diverged; flags [env, vehicle] of these vehicles, by team."""
+        found = {name: fleet.diverged() for name, fleet in self._world.teams.items()}
+        gone = {name: flags for name, flags in found.items() if flags is not None}
+        for name, flags in gone.items():
+            self._world.teams[name].state[flags] = math.nan  # the whole state is put to rest, not a part of it
+            self.rest(flags.any(1), f"the state of a vehicle of {name!r} is not finite or beyond its limits")
+        return gone
+
+    def begin(self, envs: Tensor) -> None:
+        """Put to rest what is not finite in environments `envs` [n] whose next episode is about to begin."""
+        rows = [entry.value.index_select(0, envs) for entry in self._shown]
+        if not bool(torch.stack(torch._foreach_norm(rows, math.inf)).amax() <= HUGE):
+            self._mend(envs)
+
+    def _mend(self, envs: Tensor) -> None:
+        """Replace what is not finite, or huge, in environments `envs` [n]."""
+        self._found = walk(self._mission)  # controllers and loads may have been made since
+        for entry in self._numbers():
+            value, rest = entry.value, self._rest.get(entry.path)
+            rows = value.index_select(0, envs)
+            if rest is None or rest.shape != rows.shape[1:]:
+                rest = torch.zeros_like(rows[0])
+            if not bool((kept := fine(rows)).all()):
+                if 0 in value.stride():  # an expanded tensor cannot be written in part
+                    entry.put(value := value.clone())
+                value[envs] = torch.where(kept, rows, rest)
+        restored(self._found)
+        for fleet in self._world.teams.values():
+            fleet.update(envs)
+
+
+def fine(values: Tensor) -> Tensor:
+    """Where values are finite and not `HUGE`."""
+    return values.abs() <= HUGE
