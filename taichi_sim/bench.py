@@ -75,6 +75,7 @@ class Bench:
             wind is that at their height.
     """
 
+    @runtime.own_settings()
     def __init__(
         self,
         vehicle: str | Path | Vehicle,
@@ -143,6 +144,7 @@ class Bench:
 
     # -- placing ---------------------------------------------------------------------------------------------------
 
+    @runtime.own_settings()
     def put(
         self,
         position: ArrayLike = (0.0, 0.0, 0.0),
@@ -171,6 +173,7 @@ class Bench:
         self.fleet.update()
         return self
 
+    @runtime.own_settings()
     def refresh(self) -> None:
         """Copy time, current and wind to `around`; call it after setting them by hand."""
         self._follow()
@@ -193,6 +196,7 @@ class Bench:
 
     # -- moving ----------------------------------------------------------------------------------------------------
 
+    @runtime.own_settings()
     def step(self, action: ArrayLike | Tensor, times: int = 1) -> "Bench":
         """Step `times` control steps with the action held: [action], or what broadcasts to [env, vehicle, action]."""
         given = torch.as_tensor(action, dtype=self.state.dtype, device=self.state.device)

@@ -7,6 +7,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
+from taichi_sim.arguments import Envs, environments
 from taichi_sim.config import ConfigError
 from taichi_sim.config.base import number
 from taichi_sim.contact.touch import Touch
@@ -237,19 +238,20 @@ class Fleet(Views):
         values = self.nominal if self._vary is None else self._vary
         return {key: values[..., k].expand(self.state.shape[:2]).clone() for k, key in enumerate(self.model.varying)}
 
-    def set_numbers(self, values: Mapping[str, ArrayLike | Tensor], envs: Tensor | None = None) -> None:
+    @runtime.own_settings()
+    def set_numbers(self, values: Mapping[str, ArrayLike | Tensor], envs: Envs | None = None) -> None:
         """Set parameters of vehicles, until they are set or drawn again (randomisation/variation.py); other parameters
         stay.
 
         Args:
             values: key of `model.varying` -> number, or what broadcasts to [n, vehicle].
-            envs: int64 [n]; default: all.
+            envs: numbers of environments [n], or a bool mask [env]; default: all.
 
         Raises:
             ConfigError: for a key that does not vary, or a value that the vehicle file could not hold.
-            ValueError: for a value that is not finite, or has a wrong shape.
+            ValueError: for a value that is not finite, or has a wrong shape, and for environments that do not exist.
         """
-        rows = self._all if envs is None else envs
+        rows = self._all if envs is None else environments(envs, self.num_envs)
         shape = (len(rows), self.count)
         fresh = self.nominal if self._vary is None else self._vary[rows]
         fresh = fresh.expand(*shape, -1).clone()
