@@ -123,7 +123,7 @@ class Fleet(Views):
 
     def __init__(self, name: str, model: Vehicle, num_envs: int, count: int):
         """Allocate `count` vehicles of `model` in each environment, at rest at the origin."""
-        run = runtime.current()
+        run = self._program = runtime.current()
         options: dict[str, Any] = {"dtype": run.torch_dtype, "device": run.device}
         self.name, self.count, self.num_envs = name, count, num_envs
         sizes = STATE_SIZE, DERIVED_SIZE, max(model.aux_size, 1)
@@ -223,6 +223,7 @@ class Fleet(Views):
         It may be written in place. It costs nothing until its first use.
         """
         if self._load is None:
+            self._program.check()
             self._load = self.state.new_zeros((*self.state.shape[:2], 6))
             self._pack = self._packed()
         return self._load
@@ -269,6 +270,7 @@ class Fleet(Views):
             envs: the environments.
         """
         if self._vary is None:
+            self._program.check()
             self._vary = whole = self.nominal.expand(*self.state.shape[:2], -1).clone()
             self._numbers = self.model.numbers(whole).to(self.state.dtype).contiguous()
             self._pack = self._packed()

@@ -172,24 +172,14 @@ def generation() -> int:
 
 
 def pack(kind: ArgPackType, **members: torch.Tensor) -> ArgPack:
-    """Return an argument pack of type `kind` (`ti.types.argpack`): several tensors as one argument of a kernel.
-
-    Raises:
-        ProgramError: for tensors of another precision than that of the running program, which a kernel would read as
-            other numbers.
-    """
-    run = current()
-    for member in members.values():
-        if member.is_floating_point() and (member.dtype, member.device.type) != (run.torch_dtype, run.device.type):
-            precision: Precision = "f64" if member.dtype == torch.float64 else "f32"
-            Runtime("cuda" if member.device.type == "cuda" else "cpu", precision, 0).check()
+    """Return an argument pack of type `kind` (`ti.types.argpack`): several tensors as one argument of a kernel."""
     made = kind(**members)
     _packs[id(made)] = made
     return made
 
 
 class Packed:
-    """Tensors that kernels take as one argument; valid in every Taichi program.
+    """Tensors that kernels take as one argument; valid in every Taichi program of the same precision and architecture.
 
     Attributes:
         members: name -> tensor.
@@ -197,13 +187,19 @@ class Packed:
 
     def __init__(self, kind: ArgPackType, **members: torch.Tensor):
         """Take tensors for a pack of type `kind` (`ti.types.argpack`)."""
-        self.members, self._kind = members, kind
+        self.members, self._kind, self._program = members, kind, current()
         self._made: ArgPack | None = None
         self._generation = -1
 
     def __call__(self) -> ArgPack:
-        """Return the pack: the same object as long as the Taichi program runs."""
+        """Return the pack: the same object as long as the Taichi program runs.
+
+        Raises:
+            ProgramError: in a program of another precision or architecture. Its kernels take vectors of another width
+                (lanes.py), and would read other numbers.
+        """
         if self._made is None or self._generation != generation():
+            self._program.check()
             self._made, self._generation = pack(self._kind, **self.members), _generation
         return self._made
 
