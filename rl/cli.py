@@ -225,12 +225,12 @@ def user_errors() -> tuple[type[Exception], ...]:
     from rl.learn.runner import DivergedError
     from rl.mission import ControllerError
     from rl.runs.folder import RunError
+    from taichi_sim.arguments import ActionError
     from taichi_sim.config import ConfigError
     from taichi_sim.config.base import MissingExtraError
     from taichi_sim.film.files import FilmError
     from taichi_sim.recording.ros import BagError
     from taichi_sim.sea import SteepSeaError
-    from taichi_sim.world import ActionError
 
     of_files = ConfigError, RunError, CheckpointError, FilmError, BagError, MissingExtraError
     return *of_files, ControllerError, SteepSeaError, ActionError, DivergedError

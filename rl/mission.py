@@ -28,6 +28,7 @@ from rl.divergence import Divergence, NotFiniteError
 from rl.judge import Judge
 from rl.scenario import Scenario, derive_seed
 from rl.team import Controller, ControllerError, Team
+from taichi_sim.arguments import Envs, environments, whole_number
 from taichi_sim.config.base import number, span
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import Noise
@@ -104,7 +105,8 @@ class Mission(Stateful, Generic[C, T]):
         config: the scenario. world: the simulated world. teams: name -> Team, of the teams that take part.
         steps: int64 [env], decisions since the episode began. generator: source of all random draws of episodes.
         noise: counter of the random numbers of sensors and radio. which: int32 [env], the environments that are to be
-            measured: 1 after a step, 2 as an episode begins, 0 not at all. device: where tensors live.
+            measured: 1 after a step, 2 as an episode begins, 0 not at all. program: the Taichi program in which it was
+        made, and with which alone it works. device: where tensors live.
     """
 
     Config: ClassVar[type[Scenario]] = Scenario
@@ -115,6 +117,7 @@ class Mission(Stateful, Generic[C, T]):
     STATE: tuple[str, ...] = ("world", "steps", "teams", "which", "noise", "divergence")
     SHARED: tuple[str, ...] = ("generator",)
 
+    @runtime.own_settings()
     def __init__(
         self, config: C, num_envs: int, *, seed: int, teams: Sequence[str] | None = None, source: Path | None = None
     ):
@@ -125,11 +128,12 @@ class Mission(Stateful, Generic[C, T]):
             teams: those that take part besides scripted ones, which all do (taichi_sim/script.py); default all.
             source: the scenario's file, beside which vehicles are found.
         """
+        num_envs, seed = whole_number(num_envs, "num_envs", 1), whole_number(seed, "seed")
         self.config, self.num_envs, self.seed, self.source = config, num_envs, seed, source
         if teams is not None:
             teams = [*teams, *(name for name in config.scripted if name not in teams)]
         self.world = World(config, num_envs, seed=derive_seed(seed, "sea"), teams=teams, source=source)
-        self.device = runtime.current().device
+        self.program, self.device = self.world.program, self.world.program.device
         self.generator = torch.Generator().manual_seed(derive_seed(seed, "episodes"))
         self.steps = torch.zeros(num_envs, dtype=torch.int64, device=self.device)
         self.which = torch.zeros(num_envs, dtype=torch.int32, device=self.device)
@@ -139,8 +143,7 @@ class Mission(Stateful, Generic[C, T]):
             [name for name in self.world.teams if name not in self.world.scripts]
         )
         self.prepare()
-        with runtime.torch_at_rest():
-            self._reset(self._all, None, {})
+        self._reset(self._all, None, {})
         self.divergence = Divergence(self, self.world, self.device)
 
     def _alike(self, num_envs: int) -> "Mission":
@@ -340,15 +343,25 @@ class Mission(Stateful, Generic[C, T]):
             )
         return values
 
-    def reset(self, envs: Tensor | None = None, *, seas: Tensor | None = None, **where: Tensor) -> None:
-        """Begin new episodes in environments `envs` [n] (default: all), on `seas` [n] (default: random ones); `where`
-        goes to `begin`.
+    @runtime.torch_at_rest()
+    def reset(self, envs: Envs | None = None, *, seas: Tensor | None = None, **where: Tensor) -> None:
+        """Begin new episodes in environments `envs` (numbers [n], or a bool mask [env]; default: all), on `seas` [n]
+        (default: random ones); `where` goes to `begin`.
+
+        Raises:
+            ValueError: for environments or seas that do not exist, environments that are named twice, or an array of
+                whole numbers that may be meant as a mask; nothing has changed then.
         """
-        rows: Tensor = self._all if envs is None else envs
+        self.program.check()
+        rows: Tensor = self._all if envs is None else environments(envs, self.num_envs)
+        drawn = None
+        if seas is not None:
+            drawn = environments(seas, self.world.sea.num_seas, "seas", whole=True, twice=True, one="sea")
+            if len(drawn) != len(rows):
+                raise ValueError(f"{len(drawn)} seas for {len(rows)} environments")
         if len(rows):
-            with runtime.torch_at_rest():
-                self.divergence.begin(rows)
-                self._reset(rows, seas, where)
+            self.divergence.begin(rows)
+            self._reset(rows, drawn, where)
 
     def _reset(self, envs: Tensor, seas: Tensor | None, where: dict[str, Tensor]) -> None:
         n = len(envs)
@@ -367,6 +380,7 @@ class Mission(Stateful, Generic[C, T]):
 
     def reseed(self, seed: int) -> None:
         """Make the draws of later resets depend on `seed` alone; the seas and what `prepare` made stay."""
+        seed = whole_number(seed, "seed")
         self.generator.manual_seed(derive_seed(seed, "episodes"))
         self.world.reseed(derive_seed(seed, "world"))
         self.noise.restart(derive_seed(seed, "sensors"))

@@ -3,6 +3,7 @@
 from rl.adapters.batched import BatchedEnv
 from rl.adapters.marl import batched_env, parallel_env
 from taichi_sim.air import Wind
+from taichi_sim.arguments import ActionError
 from taichi_sim.bench import Bench, calm_sea
 from taichi_sim.config import (
     AirConfig,
@@ -23,7 +24,7 @@ from taichi_sim.config import (
 from taichi_sim.config.io import load_world
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, numbers_at, own_numbers
-from taichi_sim.kernels.runtime import init
+from taichi_sim.kernels.runtime import ProgramError, init
 from taichi_sim.recording import Episode, Recorder, write_recording
 from taichi_sim.script import Script
 from taichi_sim.sea import Sea
@@ -33,14 +34,14 @@ from taichi_sim.uav.aircraft import Aircraft
 from taichi_sim.usv.vessel import Vessel
 from taichi_sim.vehicle import Limits, Vehicle
 from taichi_sim.vehicles import load_vehicle, shipped_vehicles
-from taichi_sim.world import ActionError, World, replay
+from taichi_sim.world import World, replay
 
 __version__: str
 __all__ = [
     "ActionError", "AirConfig", "Aircraft", "AroundPack", "BatchedEnv", "Bench", "Build", "ConfigError", "Current",
     "CurrentConfig", "Episode", "Finite", "Fleet", "FleetPack", "Fraction", "GustConfig", "Limits", "NonNegative",
-    "Positive", "Range", "Recorder", "Script", "Sea", "SeaConfig", "Strict", "Surroundings", "SwellConfig",
-    "TeamConfig", "Vehicle", "Vessel", "Wind", "World", "WorldConfig", "batched_env", "calm_sea", "init", "load_at",
-    "load_vehicle", "load_world", "numbers_at", "own_numbers", "parallel_env", "replay", "shipped_vehicles",
+    "Positive", "ProgramError", "Range", "Recorder", "Script", "Sea", "SeaConfig", "Strict", "Surroundings",
+    "SwellConfig", "TeamConfig", "Vehicle", "Vessel", "Wind", "World", "WorldConfig", "batched_env", "calm_sea", "init",
+    "load_at", "load_vehicle", "load_world", "numbers_at", "own_numbers", "parallel_env", "replay", "shipped_vehicles",
     "write_recording",
 ]  # fmt: skip

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from taichi_sim.air import Wind
+from taichi_sim.arguments import whole_number
 from taichi_sim.config import AirConfig, SeaConfig, WorldConfig
 from taichi_sim.config.base import span
 from taichi_sim.conventions import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
@@ -75,6 +76,7 @@ class Bench:
             wind is that at their height.
     """
 
+    @runtime.own_settings()
     def __init__(
         self,
         vehicle: str | Path | Vehicle,
@@ -107,12 +109,14 @@ class Bench:
                 needs a depth.
         """
         run = runtime.current()
+        envs, count = whole_number(envs, "envs", 1), whole_number(count, "count", 1)
         self.model = vehicle if isinstance(vehicle, Vehicle) else load_vehicle(vehicle, dt, substeps)
         flow = None
         if isinstance(sea, SeaConfig):
             sea = resolved_sea(WorldConfig(sea=sea, air=air or AirConfig()))
             flow, sea = sea.current, Sea.from_config(sea, seed)
         self.sea = sea or calm_sea()
+        self.sea.program.check()
         self.fleet = Fleet(name, self.model, envs, count)
         self.time = torch.zeros(envs, dtype=torch.float64, device=run.device)
         self._everywhere = torch.arange(envs, device=run.device)
@@ -143,6 +147,7 @@ class Bench:
 
     # -- placing ---------------------------------------------------------------------------------------------------
 
+    @runtime.own_settings()
     def put(
         self,
         position: ArrayLike = (0.0, 0.0, 0.0),
@@ -171,6 +176,7 @@ class Bench:
         self.fleet.update()
         return self
 
+    @runtime.own_settings()
     def refresh(self) -> None:
         """Copy time, current and wind to `around`; call it after setting them by hand."""
         self._follow()
@@ -193,6 +199,7 @@ class Bench:
 
     # -- moving ----------------------------------------------------------------------------------------------------
 
+    @runtime.own_settings()
     def step(self, action: ArrayLike | Tensor, times: int = 1) -> "Bench":
         """Step `times` control steps with the action held: [action], or what broadcasts to [env, vehicle, action]."""
         given = torch.as_tensor(action, dtype=self.state.dtype, device=self.state.device)

@@ -7,6 +7,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
+from taichi_sim.arguments import Envs, environments
 from taichi_sim.config import ConfigError
 from taichi_sim.config.base import number
 from taichi_sim.contact.touch import Touch
@@ -123,7 +124,7 @@ class Fleet(Views):
 
     def __init__(self, name: str, model: Vehicle, num_envs: int, count: int):
         """Allocate `count` vehicles of `model` in each environment, at rest at the origin."""
-        run = runtime.current()
+        run = self._program = runtime.current()
         options: dict[str, Any] = {"dtype": run.torch_dtype, "device": run.device}
         self.name, self.count, self.num_envs = name, count, num_envs
         sizes = STATE_SIZE, DERIVED_SIZE, max(model.aux_size, 1)
@@ -231,6 +232,7 @@ class Fleet(Views):
         It may be written in place. It costs nothing until its first use.
         """
         if self._load is None:
+            self._program.check()
             self._load = self.state.new_zeros((*self.state.shape[:2], 6))
             self._pack = self._packed()
         return self._load
@@ -246,19 +248,20 @@ class Fleet(Views):
         values = self.nominal if self._vary is None else self._vary
         return {key: values[..., k].expand(self.state.shape[:2]).clone() for k, key in enumerate(self.model.varying)}
 
-    def set_numbers(self, values: Mapping[str, ArrayLike | Tensor], envs: Tensor | None = None) -> None:
+    @runtime.own_settings()
+    def set_numbers(self, values: Mapping[str, ArrayLike | Tensor], envs: Envs | None = None) -> None:
         """Set parameters of vehicles, until they are set or drawn again (randomisation/variation.py); other parameters
         stay.
 
         Args:
             values: key of `model.varying` -> number, or what broadcasts to [n, vehicle].
-            envs: int64 [n]; default: all.
+            envs: numbers of environments [n], or a bool mask [env]; default: all.
 
         Raises:
             ConfigError: for a key that does not vary, or a value that the vehicle file could not hold.
-            ValueError: for a value that is not finite, or has a wrong shape.
+            ValueError: for a value that is not finite, or has a wrong shape, and for environments that do not exist.
         """
-        rows = self._all if envs is None else envs
+        rows = self._all if envs is None else environments(envs, self.num_envs)
         shape = (len(rows), self.count)
         fresh = self.nominal if self._vary is None else self._vary[rows]
         fresh = fresh.expand(*shape, -1).clone()
@@ -276,6 +279,7 @@ class Fleet(Views):
             envs: the environments.
         """
         if self._vary is None:
+            self._program.check()
             self._vary = whole = self.nominal.expand(*self.state.shape[:2], -1).clone()
             self._numbers = self.model.numbers(whole).to(self.state.dtype).contiguous()
             self._pack = self._packed()

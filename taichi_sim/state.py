@@ -27,14 +27,14 @@ import types
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self, TypeAlias
+from typing import Any, Literal, NamedTuple, NoReturn, Self
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike
 from pydantic import BaseModel
 from torch import Tensor
 
+from taichi_sim.arguments import Envs, environments
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import FIRST_FORKED, Noise
 
@@ -44,10 +44,6 @@ WORKING_SHARE = 4.0  # memory of an environment over that of its state: buffers 
 
 NoiseOf = Literal["shared", "own"]
 """Whether copies draw the noise of their source (sensors, radio, gusts), or their own."""
-
-
-Envs: TypeAlias = ArrayLike | Tensor
-"""Indices of environments [n]."""
 
 
 class StateError(ValueError):
@@ -214,7 +210,12 @@ def _assigned(kind: type) -> frozenset[str]:
 
 
 def walk(root: Any) -> _Walk:
-    """The entries of `root`, which has `num_envs`, and the objects that own them."""
+    """The entries of `root`, which has `num_envs` and a `program`, and the objects that own them.
+
+    Raises:
+        ProgramError: if another Taichi program runs than that of `root`.
+    """
+    root.program.check()
     found = _Walk(root.num_envs)
     found.part(root, type(root).__name__)
     return found
@@ -321,15 +322,12 @@ def _entries_of(part: object) -> list[Entry]:
     return found.entries
 
 
-def _envs(given: Envs, num_envs: int, name: str) -> Tensor:
-    """Check indices of environments and convert them to int64 [n]."""
-    envs = torch.as_tensor(given, device=runtime.current().device).flatten()
-    if envs.is_floating_point() or envs.dtype == torch.bool:
-        raise StateError(f"{name} are numbers of environments, not {envs.dtype}")
-    outside = envs[(envs < 0) | (envs >= num_envs)]
-    if len(outside):
-        raise StateError(f"{name} name environment {int(outside[0])}: there are 0 to {num_envs - 1}")
-    return envs.long()
+def _envs(given: Envs, num_envs: int, name: str, *, twice: bool = False) -> Tensor:
+    """Check environments and convert them to int64 [n]."""
+    try:
+        return environments(given, num_envs, name, whole=True, twice=twice)
+    except ValueError as error:
+        raise StateError(str(error)) from None
 
 
 def _check_noise(noise: str) -> None:
@@ -337,10 +335,18 @@ def _check_noise(noise: str) -> None:
         raise StateError(f"noise = {noise!r}: allowed are 'shared' and 'own'")
 
 
-def _check_memory(source: _Walk, total: int) -> None:
-    """Refuse a fork that does not fit into memory."""
+def _size(source: _Walk) -> float:
+    """Bytes of state of each environment."""
     values = (entry.value for entry in source.entries if entry.of_env)
-    each = sum(value.nbytes for value in values if isinstance(value, Tensor)) / source.num_envs
+    return sum(value.nbytes for value in values if isinstance(value, Tensor)) / source.num_envs
+
+
+def check_memory(each: float, total: int) -> None:
+    """Refuse `total` environments with `each` bytes of state that do not fit into memory.
+
+    Raises:
+        StateError: saying how much memory they would take.
+    """
     need, free = WORKING_SHARE * each * total, _free_memory()
     if need > free:
         raise StateError(
@@ -349,7 +355,9 @@ def _check_memory(source: _Walk, total: int) -> None:
 
 
 def _free_memory() -> float:
-    """Bytes available without swapping."""
+    """Bytes available without swapping, on the device of the state."""
+    if runtime.current().arch == "cuda":
+        return float(torch.cuda.mem_get_info()[0])
     try:
         for line in Path("/proc/meminfo").read_text().splitlines():
             if line.startswith("MemAvailable:"):
@@ -363,6 +371,20 @@ class Stateful:
     """A world or a mission whose environments can be saved, restored, copied and forked (module docstring)."""
 
     num_envs: int
+    program: runtime.Runtime
+
+    def __reduce_ex__(self, protocol: object) -> NoReturn:
+        """Refuse to be copied by `copy` or written by `pickle`: kernels and packs are of this process alone.
+
+        Raises:
+            TypeError: naming what copies and saves.
+        """
+        kind = type(self).__name__
+        raise TypeError(
+            f"a {kind} cannot be copied by `copy` or `pickle`: fork(envs) makes a {kind} of copies of its environments "
+            "(of an environment of rl: env.mission.fork, env.task.fork), snapshot() takes its state, which torch.save "
+            "writes and restore(...) goes back to"
+        )
 
     @runtime.torch_at_rest()
     def snapshot(self) -> Snapshot:
@@ -403,13 +425,10 @@ class Stateful:
         Raises:
             StateError: for environments that do not exist, a target that is named twice, or another number of targets.
         """
-        source, target = (_envs(given, self.num_envs, f"{name}_envs") for given, name in
-                          ((source_envs, "source"), (target_envs, "target")))  # fmt: skip
+        source = _envs(source_envs, self.num_envs, "source_envs", twice=True)
+        target = _envs(target_envs, self.num_envs, "target_envs")
         if len(source) != len(target):
             raise StateError(f"{len(source)} source_envs for {len(target)} target_envs")
-        if len(target.unique()) < len(target):
-            twice = next(int(e) for e in target if (target == e).sum() > 1)
-            raise StateError(f"target_envs name environment {twice} twice")
         _check_noise(noise)
         found = walk(self)
         for entry in found.entries:
@@ -431,7 +450,7 @@ class Stateful:
             StateError: for environments that do not exist, `into` of another kind or size, or too little memory; the
                 message says how much.
         """
-        rows = _envs(envs, self.num_envs, "envs")
+        rows = _envs(envs, self.num_envs, "envs", twice=True)
         if copies < 1 or not len(rows):
             raise StateError(f"a fork of {len(rows)} environments, {copies} copies each: there is nothing in it")
         _check_noise(noise)
@@ -439,7 +458,7 @@ class Stateful:
         rows, source = rows.repeat_interleave(copies), walk(self)
         total = len(rows)
         if into is None:
-            _check_memory(source, total)
+            check_memory(_size(source), total)
             into = this._alike(total)
         elif (into.num_envs, type(into), into.config, into.seed) != (total, type(self), this.config, this.seed):
             raise StateError(

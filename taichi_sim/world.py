@@ -9,28 +9,28 @@ import torch
 from numpy.typing import ArrayLike
 
 from taichi_sim.air import Wind
+from taichi_sim.arguments import ActionError, Envs, checked_action, environments, whole_number
 from taichi_sim.config import ConfigError, WorldConfig
 from taichi_sim.config.base import number, span
 from taichi_sim.config.io import find_config, load_world, vehicle_file
 from taichi_sim.config.plugins import load_class
 from taichi_sim.contact.contacts import Contacts
+from taichi_sim.conventions import STATE_SIZE, SURFACE_SIZE
 from taichi_sim.dump import Dump, save_dump
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import Noise
+from taichi_sim.kernels.rotation import DERIVED_SIZE
 from taichi_sim.randomisation.conditions import realise
 from taichi_sim.randomisation.variation import Variation
 from taichi_sim.script import Script
 from taichi_sim.sea.current import Current
-from taichi_sim.state import Stateful
+from taichi_sim.state import Stateful, check_memory
 from taichi_sim.surroundings import Surroundings
+from taichi_sim.vehicle import Vehicle
 from taichi_sim.vehicles import load_vehicle
 
 FEW = 32  # environments that are placed at once and whose surroundings are kept; assumed
-
-
-class ActionError(ValueError):
-    """An action that is not finite."""
 
 
 class World(Stateful):
@@ -40,6 +40,7 @@ class World(Stateful):
         sea: the realisations.
         env_sea: int32 [env], realisation of each environment.
         time: float64 [env], s.
+        program: the Taichi program in which it was made, and with which alone it works.
         teams: name -> Fleet, the simulated teams.
         scripts: name -> script that acts for a team (script.py).
         conditions: conditions of each realisation (randomisation/conditions.py); `renew` gives them to environments.
@@ -59,6 +60,7 @@ class World(Stateful):
         "env_sea", "time", "_phase", "current", "wind", "_felt", "_variation", "teams", "scripts", "noise", "contacts",
     )  # fmt: skip
 
+    @runtime.own_settings()
     def __init__(
         self,
         config: WorldConfig,
@@ -70,6 +72,9 @@ class World(Stateful):
     ):
         """Build a world from a configuration.
 
+        Vehicles begin at rest at the origin, all of a team at the same place: only a mission or a script knows where
+        they should be. `place` moves them.
+
         Args:
             config: that of a world or a scenario.
             num_envs: number of environments.
@@ -79,11 +84,14 @@ class World(Stateful):
 
         Raises:
             ConfigError: for a vehicle that cannot be used.
-            ValueError: for an unknown team.
+            ValueError: for an unknown team, a wrong number or seed, or more environments than memory can hold.
         """
-        run = runtime.current()
-        self.config, self.num_envs, self._source = config, num_envs, source
-        self.seed = config.seed if seed is None else seed
+        run = self.program = runtime.current()
+        self.num_envs = num_envs = whole_number(num_envs, "num_envs", 1)
+        self.config, self._source = config, source
+        self.seed = whole_number(config.seed if seed is None else seed, "seed")
+        models = {name: self._model(name) for name in (config.teams if teams is None else teams)}
+        self._check_memory(models)
         self.sea, self.conditions = realise(config, self.seed)
         self._highest_crest = float(self.sea.components.amplitude.sum(axis=1).max())
         self.current = Current(config.sea.current, num_envs, self.seed, config.sea.depth)
@@ -100,8 +108,8 @@ class World(Stateful):
         self._felt: dict[str, tuple[Surroundings, float, float]] = {}
         self._few: dict[tuple[str, int], Surroundings] = {}  # by team and number of environments: _placing
         self.truth, self.truth_names = self._variation.truth, self._variation.names
-        for name in config.teams if teams is None else teams:
-            self._add_team(name, source)
+        for name, model in models.items():
+            self._add_team(name, model)
         self.contacts = Contacts(self.teams, config.decision_interval)
         everywhere = self._everywhere = torch.arange(num_envs, device=run.device)
         self._variation.begin(everywhere, self.env_sea, self.current, self.wind)
@@ -128,18 +136,30 @@ class World(Stateful):
             turbulence=self._variation.turbulence,
         )  # fmt: skip
 
-    def _add_team(self, name: str, source: Path | None) -> None:
-        """Add the team of that name to the simulation."""
+    def _model(self, name: str) -> Vehicle:
+        """The vehicle model of the team of that name."""
         if name not in self.config.teams:
             raise ValueError(f"there is no team {name!r}: allowed are {', '.join(self.config.teams) or 'none'}")
         section = self.config.teams[name]
-        file = vehicle_file(section, source)
-        model = load_vehicle(file, self.config.dt, self.config.substeps, source=source)
+        file = vehicle_file(section, self._source)
+        model = load_vehicle(file, self.config.dt, self.config.substeps, source=self._source)
         if section.medium not in (None, model.medium):
             raise ConfigError(
                 f"{name}.vehicle = {section.vehicle!r} moves in {model.medium}, and {name}.medium = "
                 f"{section.medium!r}: name a vehicle of that medium"
             )
+        return model
+
+    def _check_memory(self, models: Mapping[str, Vehicle]) -> None:
+        """Refuse more environments than memory can hold."""
+        each = self.config.sea.components
+        for name, model in models.items():
+            each += self.config.teams[name].count * (STATE_SIZE + DERIVED_SIZE + SURFACE_SIZE + model.aux_size)
+        check_memory(each * self.program.torch_dtype.itemsize, self.num_envs)
+
+    def _add_team(self, name: str, model: Vehicle) -> None:
+        """Add the team of that name to the simulation."""
+        section, source = self.config.teams[name], self._source
         self.teams[name] = fleet = Fleet(name, model, self.num_envs, section.count)
         self._variation.add(fleet)
         if section.script is not None:
@@ -159,9 +179,13 @@ class World(Stateful):
 
     @classmethod
     def from_scenario(cls, scenario: str | Path = "paper", num_envs: int = 1, overrides=(), **options) -> "World":
-        """World of a scenario's file or name, without its mission: `World.from_scenario("paper", num_envs=16)`."""
+        """World of a scenario's file or name, without its mission: `World.from_scenario("paper", num_envs=16)`.
+
+        Vehicles are not placed: see the constructor, which takes `options`.
+        """
         return cls(load_world(scenario, overrides), num_envs, source=find_config(scenario), **options)
 
+    @runtime.torch_at_rest()
     def step(self, actions: Mapping[str, ArrayLike | torch.Tensor] | None = None) -> dict[str, torch.Tensor]:
         """Advance every environment by one decision interval; return the actions as taken (clipped).
 
@@ -170,24 +194,38 @@ class World(Stateful):
                 team without a script needs an entry; an entry for a team with a script replaces the script.
 
         Raises:
-            ValueError: for a wrong shape, or an action that is not finite; nothing has moved then.
+            ValueError: for a wrong shape, or an action that is not finite; nothing has moved then. A script whose
+                action is refused has advanced.
+            ProgramError: if Taichi runs in another precision or on another architecture than when the world was made.
         """
-        given = dict(actions or {})
-        given |= {name: script(self) for name, script in self.scripts.items() if name not in given}
-        if set(given) != set(self.teams):
-            raise ValueError(f"actions are for {sorted(given)}, expected one tensor for each of {sorted(self.teams)}")
-        with runtime.torch_at_rest():
-            checked = {name: self._checked(fleet, given[name]) for name, fleet in self.teams.items()}
-            self.sea.phases(self.env_sea, self.time, out=self._phase)
-            before, touch = {}, {}
-            if self.dump_folder:
-                before = {name: (fleet.state.clone(), fleet.aux.clone()) for name, fleet in self.teams.items()}
-                touch = self.contacts.remembered()
-            self._move(checked)
-            if self.dump_folder:
-                self._dump_faults(before, touch, checked, self.dump_folder)
-            self._pass_time()
+        self.program.check()
+        checked = self.checked(actions)
+        for name, script in self.scripts.items():
+            if name not in checked:
+                checked[name] = self._checked(name, script(self), f"the script of {name}")
+        self.sea.phases(self.env_sea, self.time, out=self._phase)
+        before, touch = {}, {}
+        if self.dump_folder:
+            before = {name: (fleet.state.clone(), fleet.aux.clone()) for name, fleet in self.teams.items()}
+            touch = self.contacts.remembered()
+        self._move(checked)
+        if self.dump_folder:
+            self._dump_faults(before, touch, checked, self.dump_folder)
+        self._pass_time()
         return checked
+
+    def checked(self, actions: Mapping[str, ArrayLike | torch.Tensor] | None) -> dict[str, torch.Tensor]:
+        """Actions that `step` would take, clipped, in run precision; nothing moves.
+
+        Raises:
+            ValueError: if `step` would refuse them.
+        """
+        given = {} if actions is None else actions
+        if not isinstance(given, Mapping):
+            raise ActionError(f"actions are a {type(given).__name__}, expected is a dictionary by team")
+        if not self.teams.keys() - self.scripts.keys() <= set(given) <= self.teams.keys():
+            raise ActionError(f"actions are for {sorted(given)}, expected one tensor for each of {sorted(self.teams)}")
+        return {name: self._checked(name, action) for name, action in given.items()}
 
     def _move(self, actions: Mapping[str, torch.Tensor]) -> None:
         """Step all vehicles; those with legs after those with decks."""
@@ -214,24 +252,31 @@ class World(Stateful):
         self.current.follow(envs, self.time[envs])
         self.wind.follow(envs, self.time[envs])
 
-    def renew(self, envs: torch.Tensor) -> None:
-        """Begin an episode in environments `envs` [n], whose realisation of the sea (`env_sea`) has been drawn.
+    @runtime.own_settings()
+    def renew(self, envs: Envs) -> None:
+        """Begin an episode in environments `envs`, whose realisation of the sea (`env_sea`) has been drawn.
 
         They get the conditions of that realisation, new slow variations of current and wind, and vehicles with their
-        own numbers. Scripted teams are placed.
+        own numbers. Scripted teams are placed. `envs` are numbers [n] or a bool mask [env].
+
+        Raises:
+            ValueError: for environments that do not exist or are named twice; nothing has changed then.
         """
-        self._variation.begin(envs, self.env_sea[envs], self.current, self.wind)
-        self._follow(envs)
-        self.current.reset(envs)
-        self.wind.reset(envs)
+        self.program.check()
+        rows = environments(envs, self.num_envs, whole=True)
+        self._variation.begin(rows, self.env_sea[rows], self.current, self.wind)
+        self._follow(rows)
+        self.current.reset(rows)
+        self.wind.reset(rows)
         for script in self.scripts.values():
-            script.begin(self, envs)
+            script.begin(self, rows)
 
     def reseed(self, seed: int) -> None:
         """Make later draws depend on `seed` alone: slow variations and turbulence, numbers of vehicles.
 
         The realisations of the sea and their conditions stay.
         """
+        seed = whole_number(seed, "seed")
         self.current.reseed(seed)
         self.wind.reseed(seed)
         self._variation.reseed(seed)
@@ -273,22 +318,38 @@ class World(Stateful):
                 )
                 save_dump(dump, folder)
 
-    def place(self, name: str, envs: torch.Tensor, state: torch.Tensor) -> None:
-        """Place the vehicles of a team in environments `envs` [n] at `state` [n, vehicle, 13].
+    @runtime.own_settings()
+    def place(self, name: str, envs: Envs, state: torch.Tensor) -> None:
+        """Place the vehicles of a team in environments `envs` (numbers [n] or a bool mask) at `state` [n, vehicle, 13].
 
         The model brings them to rest or into trim (`Vehicle.settle`) in the sea, current and wind of those
         environments, so set `env_sea` and `time` first.
+
+        Raises:
+            ValueError: for an unknown team, environments that do not exist or are named twice, or a state of another
+                shape or that is not finite; nothing has moved then.
         """
-        fleet, around = self.teams[name], self._placing(name, envs)
-        surface = fleet.surface[envs]
+        self.program.check()
+        if name not in self.teams:
+            raise ValueError(f"there is no team {name!r}: there are {', '.join(self.teams) or 'none'}")
+        fleet, rows = self.teams[name], environments(envs, self.num_envs, whole=True)
+        state = torch.as_tensor(state).detach().to(fleet.state)
+        if tuple(state.shape) != (expected := (len(rows), *fleet.state.shape[1:])):
+            raise ValueError(f"{name}: the state has shape {tuple(state.shape)}, expected {expected}")
+        if not math.isfinite(state.sum()) and not state.isfinite().all():
+            raise ValueError(f"{name}: the state at which to place vehicles is not finite")
+        if not len(rows):
+            return
+        around = self._placing(name, rows)
+        surface = fleet.surface[rows]
         state = fleet.model.settle(state, surface, around)
         aux = torch.empty((*state.shape[:-1], fleet.aux.shape[-1]), dtype=state.dtype, device=state.device)
         fleet.model.reset_aux(aux, state, around)
-        fleet.surface.index_copy_(0, envs, surface)
-        fleet.state.index_copy_(0, envs, state)
-        fleet.aux.index_copy_(0, envs, aux)
-        fleet.update(envs)
-        self.contacts.place(fleet, envs)
+        fleet.surface.index_copy_(0, rows, surface)
+        fleet.state.index_copy_(0, rows, state)
+        fleet.aux.index_copy_(0, rows, aux)
+        fleet.update(rows)
+        self.contacts.place(fleet, rows)
 
     def _placing(self, name: str, envs: torch.Tensor) -> Surroundings:
         """Return the surroundings of a team in environments `envs` [n] alone.
@@ -326,18 +387,16 @@ class World(Stateful):
             elevation[env, vehicle] = self.elevation(env, place[:, :1], place[:, 1:2]).squeeze(1)
         return elevation
 
-    def _checked(self, fleet: Fleet, given: ArrayLike | torch.Tensor) -> torch.Tensor:
-        shape = (self.num_envs, fleet.count, len(fleet.model.action_names))
-        action: torch.Tensor = torch.as_tensor(given, device=fleet.state.device)
-        if tuple(action.shape) != shape:
-            raise ValueError(f"{fleet.name} actions have shape {tuple(action.shape)}, expected {shape}")
-        if not math.isfinite(action.sum()) and not torch.isfinite(action).all():
-            env, vehicle, index = (~torch.isfinite(action)).nonzero()[0].tolist()
-            raise ActionError(
-                f"{fleet.name} action {fleet.model.action_names[index]!r} of vehicle {vehicle} in environment {env} "
-                f"is {action[env, vehicle, index].item()}: actions must be finite"
-            )
-        return action.to(fleet.state.dtype).clamp(-1.0, 1.0).contiguous()
+    def _checked(self, team: str, given: ArrayLike | torch.Tensor, by: str | None = None) -> torch.Tensor:
+        """The actions of a team as `step` takes them; `by` says who gave them."""
+        fleet = self.teams[team]
+        size, names = (self.num_envs, fleet.count), fleet.model.action_names
+        try:
+            return checked_action(given, team, names, size, fleet.state.dtype)
+        except ActionError as error:
+            if by is None:
+                raise
+            raise ActionError(f"{by}: {error}") from None
 
 
 def replay(dump: Dump, source: Path | None = None) -> World:

@@ -15,7 +15,6 @@ The episode of an environment is over for all its vehicles at once: when its tim
 ends.
 """
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -30,6 +29,7 @@ from rl.mission import Mission, Team
 from rl.missions import load_scenario, make_mission
 from rl.runs.folder import CONFIG, RunError, load_config
 from rl.scenario import Scenario
+from taichi_sim.arguments import ActionError, Envs, checked_action, environments, numbers, whole_number
 from taichi_sim.config.explain import nearly
 from taichi_sim.config.io import find_config
 from taichi_sim.kernels import runtime
@@ -66,10 +66,10 @@ class BatchedEnv:
         mission: the simulated mission (rl/mission.py).
         num_envs: number of environments. device: where tensors live.
         vehicles: team -> number of vehicles, for the teams that act.
-        observations: the current ones.
         observation_names, action_names: team -> names. num_states: width of `state`.
     """
 
+    @runtime.own_settings()
     def __init__(
         self,
         scenario: str | Path = "escort",
@@ -100,8 +100,8 @@ class BatchedEnv:
             ConfigError, ControllerError, RunError, CheckpointError: if a file cannot be used, or a team has no
                 controller.
         """
-        if num_envs < 1:
-            raise ValueError(f"num_envs = {num_envs} must be at least 1")
+        num_envs = whole_number(num_envs, "num_envs", 1)
+        seed = None if seed is None else whole_number(seed, "seed")
         config, source = load_scenario(scenario, overrides), find_config(scenario)
         acting, others = _parts(config, teams, {} if others is None else others)
         there = [name for name in config.teams if name in acting or others.get(name, ABSENT) != ABSENT]
@@ -121,20 +121,32 @@ class BatchedEnv:
         self._observe()
         self.num_states = self.state().shape[1]
 
-    def reset(self, seed: int | None = None, *, envs: Tensor | None = None) -> ByTeam:
-        """Begin new episodes in environments `envs` (indices or a bool [env]; default all) and return observations.
+    @runtime.torch_at_rest()
+    def reset(self, seed: int | None = None, *, envs: Envs | None = None) -> ByTeam:
+        """Begin new episodes in environments `envs` and return observations.
 
         Episodes follow one random sequence. It starts from the constructor's seed; `seed` starts it anew.
+
+        Args:
+            seed: a whole number, or None to go on.
+            envs: a bool mask [env], or numbers of environments [n]; default all.
+
+        Raises:
+            ValueError: for a seed that is none, environments that do not exist or are named twice, or an array of whole
+                numbers that may be meant as a mask (`mask.bool()` is one). Nothing has begun.
         """
+        self.mission.program.check()
+        seed = None if seed is None else whole_number(seed, "seed")
+        begun = torch.ones_like(self._over)
+        if envs is not None:
+            begun = torch.zeros_like(begun).index_fill_(0, environments(envs, self.num_envs), True)
         if seed is not None:
             self.mission.reseed(seed)
-        if envs is not None:
-            given: Tensor = torch.as_tensor(envs, device=self.device)
-            envs = given.nonzero().squeeze(1) if given.dtype == torch.bool else given.long()
-        self.mission.reset(envs)
-        self._over = torch.zeros_like(self._over) if envs is None else self._over.index_fill(0, envs, False)
+        self.mission.reset(begun)
+        self._over = self._over & ~begun
         return self._observe()
 
+    @runtime.torch_at_rest()
     def step(self, actions: Mapping[str, Tensor | np.ndarray]) -> Stepped:
         """Take one decision in every environment.
 
@@ -142,14 +154,12 @@ class BatchedEnv:
             ValueError: if a team is missing or unknown, or an action has a wrong shape or is not finite. Nothing has
                 moved.
             ResetNeeded: if an episode is over and autoreset is off.
+            ProgramError: if another Taichi program runs than when the environments were made.
         """
+        self.mission.program.check()
         if self._over.any():
             raise ResetNeeded(f"the episodes of environments {self._over.nonzero().squeeze(1).tolist()} are over")
-        with runtime.torch_at_rest():
-            return self._step(self._checked(actions))
-
-    def _step(self, given: ByTeam) -> Stepped:
-        mission = self.mission
+        given, mission = self._checked(actions), self.mission
         joint = {name: policy(mission.teams[name]) for name, policy in self._others.items()}
         joint |= {name: team.command(given[name]) for name, team in self._acting.items()}
         step = mission.step(joint)
@@ -162,11 +172,12 @@ class BatchedEnv:
         }
         rewards = {name: step.reward[name] for name in self._acting}
         if self.autoreset:
-            mission.reset(over.nonzero().squeeze(1))
+            mission.reset(over)
         else:
             self._over = over
         return Stepped(self._observe(), rewards, terminated, truncated, infos)
 
+    @runtime.torch_at_rest()
     def state(self) -> Tensor:
         """Privileged information for a central critic, [env, num_states].
 
@@ -174,37 +185,32 @@ class BatchedEnv:
         not know (`Team.privileged`).
         """
         parts = []
-        with runtime.torch_at_rest():
-            for name, team in self._acting.items():
-                truth = team.privileged
-                parts += [self.observations[name]] if truth is None else [self.observations[name], truth]
-            return torch.cat([part.flatten(1) for part in parts], dim=1)
+        for name, team in self._acting.items():
+            truth = team.privileged
+            parts += [self._observed[name]] if truth is None else [self._observed[name], truth]
+        return torch.cat([part.flatten(1) for part in parts], dim=1)
+
+    @property
+    def observations(self) -> ByTeam:
+        """The current observations (copies)."""
+        return {name: observed.clone() for name, observed in self._observed.items()}
 
     def _observe(self) -> ByTeam:
-        with runtime.torch_at_rest():
-            self.observations = {name: team.observe() for name, team in self._acting.items()}
-        return dict(self.observations)
+        """Observe; return copies, which a caller may write to."""
+        self._observed = {name: team.observe() for name, team in self._acting.items()}
+        return self.observations
 
     def _checked(self, actions: Mapping[str, Tensor | np.ndarray]) -> ByTeam:
         if not isinstance(actions, Mapping) or set(actions) != set(self._acting):
             given = sorted(actions) if isinstance(actions, Mapping) else type(actions).__name__
-            raise ValueError(f"actions are for {given}, expected is one tensor for each of {[*self._acting]}")
-        return {name: self._finite(name, actions[name]) for name in self._acting}
-
-    def _finite(self, team: str, values: Tensor | np.ndarray) -> Tensor:
-        """The policy's action of one team as a tensor, checked for shape and finiteness."""
-        names = self.action_names[team]
-        shape = self.num_envs, self.vehicles[team], len(names)
-        action = torch.as_tensor(values, device=self.device).detach().to(self._acting[team].action.dtype)
-        if tuple(action.shape) != shape:
-            raise ValueError(f"actions of {team} have shape {tuple(action.shape)}, expected {shape}")
-        if not math.isfinite(action.sum()) and not (finite := action.isfinite()).all():
-            env, vehicle, index = (~finite).nonzero()[0].tolist()
-            raise ValueError(
-                f"action {names[index]!r} of {team}_{vehicle} in environment {env} is "
-                f"{action[env, vehicle, index].item()}: actions must be finite"
+            raise ActionError(f"actions are for {given}, expected is one tensor for each of {[*self._acting]}")
+        return {
+            name: checked_action(
+                actions[name], name, self.action_names[name], (self.num_envs, self.vehicles[name]), team.action.dtype,
+                f"{name}_",
             )
-        return action
+            for name, team in self._acting.items()
+        }  # fmt: skip
 
 
 def _parts(
@@ -314,20 +320,25 @@ class Agents:
             name: {key: value[:, k] for key, value in infos[team].items()} for name, (team, k) in self._place.items()
         }
 
-    def stacked(self, actions: Mapping[str, Tensor | np.ndarray]) -> ByTeam:
+    def stacked(self, actions: Mapping[str, Tensor | np.ndarray], alone: bool = False) -> ByTeam:
         """Convert actions by agent [env, a], tensors or arrays, to actions by team [env, vehicle, a].
+
+        Those of an environment `alone` are [a].
 
         Raises:
             ValueError: if an agent is missing or unknown, or an action has a wrong shape.
         """
+        if not isinstance(actions, Mapping):
+            raise ActionError(f"actions are a {type(actions).__name__}, expected is a dictionary by agent")
         if set(actions) != set(self._place):
             missing, unknown = sorted(set(self._place) - set(actions)), sorted(set(actions) - set(self._place))
             problem = f"{missing} are missing" if missing else f"there is no agent {unknown}"
-            raise ValueError(f"actions: {problem}; expected one for each of {', '.join(self.names)}")
+            raise ActionError(f"actions: {problem}; expected one for each of {', '.join(self.names)}")
         rows: dict[str, list[Tensor]] = {team: [] for team in self._vehicles}
         for name, (team, _) in self._place.items():
-            row, shape = torch.as_tensor(actions[name]), (self._rows, *self.action_spaces[name].shape)
+            row, shape = numbers(actions[name], f"actions of {name}"), self.action_spaces[name].shape or ()
+            shape = shape if alone else (self._rows, *shape)
             if tuple(row.shape) != shape:
-                raise ValueError(f"the action of {name} has shape {tuple(row.shape)}, expected {shape}")
-            rows[team].append(row)
+                raise ActionError(f"the action of {name} has shape {tuple(row.shape)}, expected {shape}")
+            rows[team].append((row[None] if alone else row).double())  # each of a type of its own
         return {team: torch.stack(of_team, dim=1) for team, of_team in rows.items()}

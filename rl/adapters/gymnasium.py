@@ -36,7 +36,9 @@ from rl.adapters.batched import policy_of_other
 from rl.adapters.render import MODES, Pictures, frames_per_second
 from rl.mission import Mission, Step
 from rl.missions import load_scenario, make_mission
+from taichi_sim.arguments import ActionError, checked_action, numbers, whole_number
 from taichi_sim.config.io import find_config
+from taichi_sim.kernels import runtime
 
 Options = dict[str, np.ndarray]
 Infos = dict[str, np.ndarray | dict[str, np.ndarray]]
@@ -62,6 +64,7 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         "render_modes": MODES, "render_fps": 10, "autoreset_mode": AutoresetMode.SAME_STEP
     }  # fmt: skip
 
+    @runtime.own_settings()
     def __init__(
         self,
         team: str,
@@ -93,9 +96,8 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             ValueError: if an argument is wrong.
             ConfigError, RunError, CheckpointError: if a file cannot be used.
         """
-        if num_envs < 1:
-            raise ValueError(f"num_envs = {num_envs} must be at least 1")
-        self.num_envs, self.team = num_envs, team
+        self.num_envs, self.team = whole_number(num_envs, "num_envs", 1), team
+        seed = None if seed is None else whole_number(seed, "seed")
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
 
@@ -121,6 +123,7 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
 
+    @runtime.torch_at_rest()
     def reset(
         self, *, seed: int | None = None, options: dict[str, np.ndarray] | None = None
     ) -> tuple[np.ndarray, Infos]:
@@ -129,9 +132,11 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Episodes follow one random sequence. It starts from the constructor's seed; `seed` starts it anew.
 
         Raises:
-            ValueError: if there is another option, or the mask cannot be used.
+            ValueError: if there is another option, or the mask or the seed cannot be used. Nothing has begun.
         """
+        self.task.program.check()
         mask = self._reset_mask(options or {})
+        seed = None if seed is None else whole_number(seed, "seed")
         super().reset(seed=seed)
         if seed is not None:
             self.task.reseed(seed)
@@ -139,19 +144,23 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._pictures.keep()
         return self._observe(), _masked(self._info(), mask)
 
-    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Infos]:
+    @runtime.torch_at_rest()
+    def step(self, actions: np.ndarray | Tensor) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Infos]:
         """Take one decision in every environment; `actions` is [num_envs, vehicles * a].
 
         Raises:
             ValueError: if an action has a wrong shape or is not finite. Nothing has moved.
             ResetNeeded: if an episode ended and the mode is DISABLED.
+            ProgramError: if another Taichi program runs than when the environments were made.
         """
+        self.task.program.check()
         if self.autoreset_mode is AutoresetMode.DISABLED and self._ended.any():
             ended = self._ended.nonzero()[0].tolist()
             raise ResetNeeded(f"the episodes of environments {ended} ended: reset them")
         begins = self._ended  # these reset in this step and ignore their action
+        given = self._unstacked(actions, begins)
         joint = {name: policy(self.task.teams[name]) for name, policy in self._frozen.items()}
-        joint[self.team] = self.task.teams[self.team].command(self._unstacked(actions, begins))
+        joint[self.team] = self.task.teams[self.team].command(given)
         step = self.task.step(joint)
 
         terminated = _numpy(step.endings[self.team].any.any(dim=1)) & ~begins
@@ -181,7 +190,7 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _restart(self, mask: np.ndarray) -> None:
         """Begin new episodes where `mask` is true."""
-        self.task.reset(torch.from_numpy(mask.nonzero()[0]).to(self.task.device))
+        self.task.reset(torch.from_numpy(mask))
         self._ended = self._ended & ~mask
 
     def _reset_mask(self, options: Options) -> np.ndarray:
@@ -210,13 +219,15 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _observe(self) -> np.ndarray:
         return _numpy(self.task.teams[self.team].observe().flatten(1).to(torch.float32))
 
-    def _unstacked(self, actions: np.ndarray, ignored: np.ndarray) -> Tensor:
-        """Reshape actions to [env, vehicle, a], with 0 in environments to be `ignored`."""
-        rows = np.array(actions, dtype=np.float32)
-        if rows.shape != self.action_space.shape:
-            raise ValueError(f"actions have shape {rows.shape}, expected {self.action_space.shape}")
-        rows[ignored] = 0.0
-        return torch.from_numpy(rows.reshape(self._action_shape)).to(self.task.device)
+    def _unstacked(self, actions: np.ndarray | Tensor, ignored: np.ndarray) -> Tensor:
+        """Check actions and reshape them to [env, vehicle, a], with 0 in environments to be `ignored`."""
+        own, rows = self.task.teams[self.team], numbers(actions, "actions")
+        if tuple(rows.shape) != self.action_space.shape:
+            raise ActionError(f"actions have shape {tuple(rows.shape)}, expected {self.action_space.shape}")
+        if ignored.any():
+            rows = rows.masked_fill(torch.from_numpy(ignored).to(rows.device).unsqueeze(1), 0)
+        shape = self._action_shape
+        return checked_action(rows.reshape(shape), self.team, own.action_names, shape[:2], own.action.dtype)
 
     def _step_info(self, step: Step) -> dict[str, np.ndarray]:
         ends = {reason: _numpy(flags) for reason, flags in step.endings[self.team].items()}
@@ -273,6 +284,7 @@ class TeamEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self, *, seed: int | None = None, options: dict[str, np.ndarray] | None = None
     ) -> tuple[np.ndarray, Infos]:
         """Begin a new episode; see `TeamVectorEnv.reset`."""
+        seed = None if seed is None else whole_number(seed, "seed")
         super().reset(seed=seed)
         if options:
             raise ValueError(f"reset options {sorted(options)} are unknown: there are none")
@@ -286,10 +298,10 @@ class TeamEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             ValueError: if the action has a wrong shape or is not finite.
             ResetNeeded: if the episode ended.
         """
-        shape = np.shape(action)
-        if shape != self.action_space.shape:
-            raise ValueError(f"the action has shape {shape}, expected {self.action_space.shape}")
-        observations, reward, terminated, truncated, infos = self._vector.step(np.asarray(action)[None])
+        given = numbers(action, "the action's entries")
+        if tuple(given.shape) != self.action_space.shape:
+            raise ActionError(f"the action has shape {tuple(given.shape)}, expected {self.action_space.shape}")
+        observations, reward, terminated, truncated, infos = self._vector.step(given[None])
         return observations[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), _first_env(infos)
 
 

@@ -107,8 +107,7 @@ class ParallelMission(ParallelEnv[str, np.ndarray, np.ndarray]):
         """
         if not self.agents:
             raise ResetNeeded("no episode is running: call reset first")
-        rows = {name: np.asarray(action, dtype=np.float32)[None] for name, action in actions.items()}
-        stepped = self._env.step(self._vehicles.stacked(rows))
+        stepped = self._env.step(self._vehicles.stacked(actions, alone=True))
         self._pictures.keep()
         rewards = {name: float(value) for name, value in self._vehicles.split(stepped.rewards).items()}
         terminated = {name: bool(value) for name, value in self._vehicles.split(stepped.terminated).items()}

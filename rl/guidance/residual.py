@@ -89,7 +89,7 @@ class ResidualTeam(Team):
         else:
             velocity = self._shield(self.known, wanted.velocity, pushed)
         taken = self.corrected.act(self.known, wanted._replace(velocity=velocity)).clamp(-1.0, 1.0)
-        return taken + 0.0 * action.sum(-1, keepdim=True)  # keeps NaN and inf, for kernels may lose them
+        return taken + (0.0 * action).sum(-1, keepdim=True)  # keeps NaN and inf, for kernels may lose them
 
     @property
     def plan_names(self) -> tuple[str, ...]:

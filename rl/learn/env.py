@@ -14,6 +14,7 @@ from torch import Tensor
 from rl.learn.policy import Policy
 from rl.mission import Mission, Step
 from rl.team import Team
+from taichi_sim.arguments import checked_action
 
 if TYPE_CHECKING:
     from rl.learn.runner import StageRunner
@@ -95,20 +96,22 @@ class MissionEnv(VecEnv):
 
     def commanded(self, actions: Tensor) -> Tensor:
         """The vehicles' actions [env, vehicle, action] for the learner's actions [row, n]."""
-        return self.mission.teams[self.team].command(actions.view(-1, self.vehicles, self.num_actions))
+        own, shape = self.mission.teams[self.team], (self.mission.num_envs, self.vehicles)
+        given = actions.view(*shape, self.num_actions)
+        return own.command(checked_action(given, self.team, own.action_names, shape, own.action.dtype))
 
     def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, Extras]:
         """Take one decision in every row and reset the environments whose episodes end (see the class)."""
-        mission = self.mission
+        mission, own = self.mission, self.commanded(actions)  # before other teams, whose policies may remember
         joint = {name: policy(mission.teams[name]) for name, policy in self.frozen.items() if policy is not None}
-        joint[self.team] = self.commanded(actions)
+        joint[self.team] = own
         self.last = step = mission.step(joint)
         reward, dones, extras = self.learner_step(step)
         others = [(companion, companion.env.learner_step(step)) for companion in self.companions]
         if self.watch is not None:
             logs = {companion.env.team: its_step.extras["log"] for companion, its_step in others}
             self.watch(mission, step, {self.team: extras["log"], **logs})
-        mission.reset((step.terminated | step.truncated).nonzero().squeeze(1))
+        mission.reset(step.terminated | step.truncated)
         self.observe()
         for companion, its_step in others:
             companion.take(its_step)

@@ -11,6 +11,7 @@ from taichi_sim.config import ConfigError
 from taichi_sim.config.files import resolve_files
 from taichi_sim.config.io import apply_overrides, find_config, key_of, read_toml, validate, vehicle_file
 from taichi_sim.config.plugins import is_plugin, load_class
+from taichi_sim.kernels import runtime
 
 
 def shipped() -> tuple[str, ...]:
@@ -63,6 +64,7 @@ def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = (), the
     return config
 
 
+@runtime.own_settings()
 def make_mission(
     config: Scenario, num_envs: int, *, seed: int, teams: Sequence[str] | None = None, source: Path | None = None
 ) -> Mission:

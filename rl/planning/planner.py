@@ -99,7 +99,7 @@ class Planner:
     def renew(self, team: Any) -> None:
         """Plan anew where the last plan is as old as it may be, and could change something; once a decision."""
         # not in inference mode, in which rsl-rl acts: tensors made there do not tell what has changed since
-        with torch.inference_mode(False), torch.no_grad(), runtime.torch_at_rest():
+        with torch.no_grad(), runtime.torch_at_rest():
             self.bind(team)
             begins = team.mission.steps == 0
             self._age = torch.where(begins, self._every, self._age + 1)
@@ -288,7 +288,7 @@ class HonestPlanner(Planner):
 
     def renew(self, team: Any) -> None:
         """See `Planner.renew`."""
-        with torch.inference_mode(False), torch.no_grad(), runtime.torch_at_rest():
+        with torch.no_grad(), runtime.torch_at_rest():
             self.bind(team)
             self._model(team).notice(team)
         super().renew(team)

@@ -27,11 +27,11 @@ from rl.mission import ControllerError
 from rl.runs import folder as run_folder
 from rl.runs.folder import EvaluationResult, Summary
 from rl.scenario import Scenario, derive_seed
+from taichi_sim.arguments import ActionError
 from taichi_sim.config import ConfigError
 from taichi_sim.film.files import write_strip
 from taichi_sim.kernels import runtime
 from taichi_sim.recording import write_recording
-from taichi_sim.world import ActionError
 
 RECORDING, FIGURES = "episode.rrd", "figures"
 

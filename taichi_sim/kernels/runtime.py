@@ -1,7 +1,12 @@
 """Start of Taichi: architecture, precision, threads.
 
 Taichi holds one program per process. `init` starts it. A second call with the same arguments does nothing. A call with
-other arguments starts a new program, and every kernel is compiled again at its next launch.
+other arguments starts a new program, and every kernel is compiled again at its next launch. Objects made before that
+have tensors of another precision, or on another device, are refused at their next use (`ProgramError`). So is any use
+in a forked process, which has none of Taichi's threads.
+
+Settings of torch belong to the whole process, and a caller may have others than this package relies on. All work is
+done within `own_settings`, which also lets one thread work at a time.
 
 `quicken` patches internals of Taichi 1.7, the version that pyproject.toml pins, so that it reads kernels in about half
 the time. Taichi inlines every use of a function: it looks up the source, wraps it line by line and parses it anew. For
@@ -16,11 +21,13 @@ a class, Taichi goes through all imported modules; here it reads the line.
 import ast
 import atexit
 import contextlib
+import ctypes
 import io
 import linecache
 import os
 import sys
 import textwrap
+import threading
 import time
 import weakref
 from collections.abc import Callable, Hashable, Iterator
@@ -46,6 +53,17 @@ whole1 = cast(Any, ti.types.ndarray(dtype=ti.i32, ndim=1))
 _with_carets = ASTTransformerContext.get_pos_info
 
 
+FORKED = (
+    "this process was forked from one that had started Taichi, whose threads a fork does not have: start processes by "
+    "'spawn' or 'forkserver' instead (multiprocessing.set_start_method; for an AsyncVectorEnv of Gymnasium "
+    "vector_kwargs={'context': 'spawn'}), or fork before anything of taichi_sim is made"
+)
+
+
+class ProgramError(RuntimeError):
+    """Objects are used in a Taichi program that is not theirs, or Taichi in a process in which it cannot run."""
+
+
 @dataclass(frozen=True)
 class Runtime:
     """Arguments with which Taichi was started."""
@@ -64,9 +82,25 @@ class Runtime:
         """Device of the state tensors, on which kernels work in place."""
         return torch.device("cuda" if self.arch == "cuda" else "cpu")
 
+    def check(self) -> None:
+        """Refuse to use objects that were made in this program where another precision or architecture runs now.
+
+        Raises:
+            ProgramError: as described. More or fewer threads make no difference.
+        """
+        now = current()
+        if (now.arch, now.precision) != (self.arch, self.precision):
+            raise ProgramError(
+                f"this was made with arch {self.arch!r} and precision {self.precision!r}, and Taichi has been started "
+                f"again since, with arch {now.arch!r} and precision {now.precision!r}: make it anew, go back by "
+                f"ts.init(arch={self.arch!r}, precision={self.precision!r}), or use one precision in a process"
+            )
+
 
 _current: Runtime | None = None
 _generation = 0  # number of the Taichi program; kernels compiled in an earlier one are gone
+_forked = False  # whether this process was forked from one in which Taichi ran
+_lock = threading.RLock()  # held by the thread that works
 _packs: weakref.WeakValueDictionary[int, ArgPack] = weakref.WeakValueDictionary()  # packs that are alive, by identity
 
 
@@ -79,15 +113,22 @@ def init(arch: str = "cpu", precision: Precision = "f32", threads: int = 0) -> R
         threads: CPU threads for kernels; 0 means one per available core.
 
     Raises:
-        ValueError: for an unknown architecture or precision.
+        ValueError: for an unknown architecture or precision, or a wrong number of threads.
+        ProgramError: in a process that was forked from one in which Taichi ran.
     """
     global _current, _generation
+    if _forked:
+        raise ProgramError(FORKED)
     if arch not in ("cpu", "cuda"):
         raise ValueError(f"arch = {arch!r}: allowed are 'cpu' and 'cuda'")
     if precision not in ("f32", "f64"):
         raise ValueError(f"precision = {precision!r}: allowed are 'f32' and 'f64'")
+    if isinstance(threads, bool) or not isinstance(threads, int) or threads < 0:
+        raise ValueError(f"threads = {threads!r}: a number of threads is expected, 0 for one per available core")
     wanted = Runtime(arch, precision, threads or len(os.sched_getaffinity(0)))
-    if _current != wanted:
+    if _current == wanted:
+        return wanted
+    with _lock:
         with contextlib.redirect_stdout(io.StringIO()):  # hides Taichi's greeting: stdout is for results
             ti.init(
                 arch=getattr(ti, arch),
@@ -138,7 +179,7 @@ def pack(kind: ArgPackType, **members: torch.Tensor) -> ArgPack:
 
 
 class Packed:
-    """Tensors that kernels take as one argument; valid in every Taichi program.
+    """Tensors that kernels take as one argument; valid in every Taichi program of the same precision and architecture.
 
     Attributes:
         members: name -> tensor.
@@ -146,15 +187,50 @@ class Packed:
 
     def __init__(self, kind: ArgPackType, **members: torch.Tensor):
         """Take tensors for a pack of type `kind` (`ti.types.argpack`)."""
-        self.members, self._kind = members, kind
+        self.members, self._kind, self._program = members, kind, current()
         self._made: ArgPack | None = None
         self._generation = -1
 
     def __call__(self) -> ArgPack:
-        """Return the pack: the same object as long as the Taichi program runs."""
+        """Return the pack: the same object as long as the Taichi program runs.
+
+        Raises:
+            ProgramError: in a program of another precision or architecture. Its kernels take vectors of another width
+                (lanes.py), and would read other numbers.
+        """
         if self._made is None or self._generation != generation():
+            self._program.check()
             self._made, self._generation = pack(self._kind, **self.members), _generation
         return self._made
+
+
+class _Forked:
+    """Replaces the Taichi program of the parent in a forked process; any use of it is refused."""
+
+    def __init__(self, program: object):
+        """Keep the parent's `program`, whose end waits for threads that are not there."""
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(program))
+
+    def __bool__(self) -> bool:
+        """There is no program to end."""
+        return False
+
+    def __getattr__(self, name: str) -> Any:
+        """Refuse."""
+        raise ProgramError(FORKED)
+
+
+def _after_fork() -> None:
+    """In a forked process: void the packs and the program, if Taichi ran in the parent."""
+    global _current, _forked, _lock
+    if _current is None:
+        return
+    _forget_packs()
+    _current, _forked, _lock = None, True, threading.RLock()
+    impl.get_runtime().prog = _Forked(impl.get_runtime().prog)
+
+
+os.register_at_fork(after_in_child=_after_fork)
 
 
 class _Void:
@@ -195,19 +271,51 @@ def few(items: int, each: float = 100.0) -> bool:
 
 
 @contextlib.contextmanager
+def own_settings() -> Iterator[None]:
+    """Within this context, torch has the settings that this package relies on, whatever the caller's are.
+
+    New tensors are float32 and on the CPU unless told otherwise, and can be written in place, also when
+    `torch.inference_mode` has ended. Whether gradients are recorded stays as it is. Other threads wait: Taichi compiles
+    in one thread at a time, and these settings are those of the process.
+
+    Raises:
+        ProgramError: in a process that was forked from one in which Taichi ran.
+    """
+    if _forked:
+        raise ProgramError(FORKED)
+    with _lock:
+        dtype, recorded = torch.get_default_dtype(), torch.is_grad_enabled()
+        elsewhere = torch._C._len_torch_function_stack() > 0  # a default device is a mode on this stack
+        if dtype is torch.float32 and not elsewhere and not torch.is_inference_mode_enabled():
+            yield
+            return
+        torch.set_default_dtype(torch.float32)
+        try:
+            with (
+                torch.inference_mode(False),
+                torch.set_grad_enabled(recorded),
+                torch.device("cpu") if elsewhere else contextlib.nullcontext(),
+            ):
+                yield
+        finally:
+            torch.set_default_dtype(dtype)
+
+
+@contextlib.contextmanager
 def torch_at_rest() -> Iterator[None]:
-    """Within this context, torch works on the calling thread alone.
+    """Within this context, torch works on the calling thread alone, by our `own_settings`.
 
     Torch's own threads spin for milliseconds after a parallel operation. They then take cores from Taichi's kernels,
     which took up to twice the time. Matrix products on one thread also have the same bits whatever the machine's
     setting.
     """
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
+    with own_settings():
+        threads = torch.get_num_threads()
+        torch.set_num_threads(1)
+        try:
+            yield
+        finally:
+            torch.set_num_threads(threads)
 
 
 @contextlib.contextmanager

@@ -47,7 +47,7 @@ def begin_anywhere(task: Mission) -> Mission:
 def decide(task: Mission, actions: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
     """Take one decision for every vehicle: step, reset ended episodes, observe."""
     step = task.step(actions)
-    task.reset((step.terminated | step.truncated).nonzero().squeeze(1))
+    task.reset(step.terminated | step.truncated)
     return {name: team.observe() for name, team in task.teams.items()}
 
 

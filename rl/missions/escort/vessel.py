@@ -7,7 +7,7 @@ demands.
 """
 
 import math
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
@@ -55,7 +55,13 @@ class Wanderer(Script):
     def __init__(self, world: "World", name: str):
         """Command team `name`, of vessels whose classical controller follows velocity commands."""
         super().__init__(world, name)
-        self.config, self.fleet = cast(EscortScenario, world.config), world.teams[name]
+        if not isinstance(world.config, EscortScenario):
+            raise ConfigError(
+                f"{name}.script: the vessel's manoeuvres are described by the mission 'escort', and this world has no "
+                "mission: make the environments by ts.batched_env or gymnasium.make, or name the teams of the world "
+                f"without {name!r} (teams=...)"
+            )
+        self.config, self.fleet = world.config, world.teams[name]
         model, state = self.fleet.model, self.fleet.state
         section = self.config.parts[name]
         sails = model.medium == "water"

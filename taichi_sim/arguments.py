@@ -1,0 +1,132 @@
+"""What callers hand in: counts, seeds, environments, actions. Each kind is checked in one place, before any effect.
+
+A value is never taken for something else because of its type: a mask of environments is bool, numbers of environments
+are whole, and what could be either is refused.
+"""
+
+import math
+import operator
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import TypeAlias
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike
+from torch import Tensor
+
+from taichi_sim.kernels import runtime
+
+Envs: TypeAlias = ArrayLike | Tensor
+"""Environments: numbers [n], or a bool mask [env]."""
+
+
+MASK = "if a mask is meant, convert it by mask.bool() (of an array: mask.astype(bool))"
+
+
+class ActionError(ValueError):
+    """An action that is not finite, or cannot be one."""
+
+
+def whole_number(given: object, name: str, least: int = 0) -> int:
+    """A count or a seed.
+
+    Raises:
+        ValueError: for anything but a whole number of at least `least`; 2.0, "3" and True are none.
+    """
+    if not isinstance(given, bool | np.bool_):
+        with suppress(TypeError, ValueError):
+            if (number := operator.index(given)) >= least:  # pyright: ignore[reportArgumentType]
+                return number
+    raise ValueError(f"{name} = {given!r} must be a whole number, at least {least}")
+
+
+def numbers(given: object, what: str) -> Tensor:
+    """A tensor of `given`, a tensor, an array or nested sequences of numbers, without its gradient.
+
+    Raises:
+        ActionError: if these are no real numbers, or not of one shape; `what` names them.
+    """
+    try:
+        values = torch.as_tensor(given, device=runtime.current().device).detach()
+    except (TypeError, ValueError, RuntimeError) as error:
+        told = str(error).splitlines()[0]
+        raise ActionError(f"{what} cannot be read as one tensor of numbers: {told}") from None
+    if values.dtype == torch.bool or values.is_complex():
+        raise ActionError(f"{what} are {values.dtype}: real numbers are expected")
+    return values
+
+
+def checked_action(
+    given: object,
+    team: str,
+    names: Sequence[str],
+    shape: tuple[int, int],
+    dtype: torch.dtype,
+    vehicle: str = "vehicle ",
+) -> Tensor:
+    """The actions of a team [env, vehicle, action] as a new tensor of `dtype`, clipped to [-1, 1].
+
+    Args:
+        given: these actions, any type of numbers. team: its name. names: of the actions. shape: (env, vehicle).
+        dtype: of the result. vehicle: what a message writes before the number of a vehicle.
+
+    Raises:
+        ActionError: for a wrong shape, or a number that is not finite.
+    """
+    action, expected = numbers(given, f"actions of {team}"), (*shape, len(names))
+    if tuple(action.shape) != expected:
+        raise ActionError(f"actions of {team} have shape {tuple(action.shape)}, expected {expected}")
+    if not math.isfinite(action.sum()) and not (finite := action.isfinite()).all():  # a sum may overflow
+        env, number, index = (~finite).nonzero()[0].tolist()
+        raise ActionError(
+            f"action {names[index]!r} of {vehicle}{number} in environment {env} is "
+            f"{action[env, number, index].item()}: actions must be finite"
+        )
+    return action.clamp(-1.0, 1.0).to(dtype).contiguous()
+
+
+def environments(
+    given: Envs,
+    num_envs: int,
+    name: str = "envs",
+    *,
+    whole: bool = False,
+    twice: bool = False,
+    one: str = "environment",
+) -> Tensor:
+    """Numbers of environments, int64 [n], from such numbers or from a bool mask [env].
+
+    Args:
+        given: the environments. num_envs: how many there are. name: of the argument. whole: whether numbers are meant
+            for certain; otherwise an array or tensor of `num_envs` zeros and ones is refused, because it may be meant
+            as a mask. twice: whether an environment may be named twice. one: what a message calls one of them.
+
+    Raises:
+        ValueError: for other types, a mask of another length, environments that do not exist or are named twice.
+    """
+    try:
+        values = torch.as_tensor(given, device=runtime.current().device).detach()
+    except (TypeError, ValueError, RuntimeError):
+        raise ValueError(f"{name} = {given!r}: numbers of {one}s or a bool mask [{num_envs}] expected") from None
+    if values.dtype == torch.bool:
+        if tuple(values.shape) != (num_envs,):
+            raise ValueError(f"{name} are a mask of shape {list(values.shape)}, expected [{num_envs}]")
+        return values.nonzero().squeeze(1)
+    if not values.numel():
+        return values.new_zeros(0, dtype=torch.int64)
+    if values.is_floating_point() or values.is_complex() or values.dtype == torch.uint8:
+        raise ValueError(f"{name} are numbers of {one}s or a bool mask, not {values.dtype}: {MASK}")
+    if values.dim() > 1:
+        raise ValueError(f"{name} have shape {list(values.shape)}, expected [n], or a bool mask [{num_envs}]")
+    envs = values.long().reshape(-1)
+    low, high = (int(end) for end in envs.aminmax())
+    flags = len(envs) == num_envs and low >= 0 and high <= 1
+    if flags and not whole and not isinstance(given, Sequence | int):
+        raise ValueError(f"{name} are {num_envs} zeros and ones of {values.dtype}: {MASK}; for numbers pass a list")
+    if low < 0 or high >= num_envs:
+        raise ValueError(f"{name} name {one} {low if low < 0 else high}: there are 0 to {num_envs - 1}")
+    if not twice and int((times := envs.bincount()).max()) > 1:
+        hint = f" ({MASK})" if flags else ""
+        raise ValueError(f"{name} name {one} {int(times.argmax())} twice{hint}")
+    return envs

@@ -1,0 +1,222 @@
+"""Settings of the process under living objects: they change no number, or the objects are refused by name."""
+
+import contextlib
+import copy
+import os
+import pickle
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+import taichi_sim as ts
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.runtime import ProgramError
+
+ROOT = Path(__file__).resolve().parents[1]
+SMALL = ("sea.realisations=2", "sea.components=4")
+
+
+def boats(envs=4):
+    return ts.World.from_scenario("paper", envs, overrides=SMALL, teams=("usv",))
+
+
+def still(world):
+    return {"usv": np.zeros((world.num_envs, 3, 2))}
+
+
+@contextlib.contextmanager
+def doubles():
+    torch.set_default_dtype(torch.float64)
+    try:
+        yield
+    finally:
+        torch.set_default_dtype(torch.float32)
+
+
+@contextlib.contextmanager
+def nowhere():
+    torch.set_default_device("meta")
+    try:
+        yield
+    finally:
+        torch.set_default_device(None)
+
+
+def rolled(scenario, steps=6):
+    """All that an environment gives in two episodes, and a copy of it, and a bench."""
+    pools = ("sea.realisations=2",) if scenario in ("escort", "landing") else ("sea.realisations=2", "track.worlds=2")
+    env = ts.batched_env(scenario, 2, overrides=pools)
+    found = [*env.reset(seed=3).values()]
+    for step in range(steps):
+        given = {t: np.full((2, n, len(env.action_names[t])), 0.3) for t, n in env.vehicles.items()}
+        stepped = env.step(given)
+        found += [*stepped.observations.values(), *stepped.rewards.values(), env.state()]
+        if step == 2:
+            found += env.reset(envs=[1]).values()
+    found += [team.fleet.state.clone() for team in env.mission.fork([1, 0]).teams.values()]
+    return found
+
+
+@pytest.mark.parametrize(
+    "scenario",
+    ["paper", *(pytest.param(x, marks=pytest.mark.slow) for x in ("otter", "escort", "landing", "aerosonde"))],
+)
+def test_settings_of_torch_change_no_number(scenario):
+    """To the bit, in dtype too; and what is made in inference mode works outside, on the other side as well."""
+    expected = rolled(scenario)
+    for setting in (doubles, nowhere, torch.inference_mode):
+        with setting():
+            found = rolled(scenario)
+        assert len(found) == len(expected)
+        for mine, right in zip(found, expected, strict=True):
+            assert mine.dtype == right.dtype and torch.equal(mine, right), setting
+
+
+def test_what_is_made_in_inference_mode_works_outside():
+    with torch.inference_mode():
+        world = boats()
+        world.step(still(world))
+        world.renew([1])
+    fleet = world.teams["usv"]
+    world.place("usv", [1, 2], fleet.state[[2, 0]])
+    world.step(still(world))
+    fleet.state[..., 0] += 1.0
+    assert torch.get_default_dtype() == torch.float32
+
+
+def test_threads_take_turns():
+    """Made in one thread and stepped in others; two at once, in one world or in two: as in one thread."""
+    alone, shared, other = boats(), [], boats()
+
+    def make():
+        shared.append(boats())
+
+    def go(world):
+        for _ in range(10):
+            world.step(still(world))
+
+    def at_once(*calls):
+        threads = [threading.Thread(target=target, args=given) for target, *given in calls]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+
+    at_once((make,))
+    at_once((go, shared[0]), (go, shared[0]), (go, other))
+    for _ in range(20):
+        alone.step(still(alone))
+    assert torch.equal(shared[0].teams["usv"].state, alone.teams["usv"].state)
+    assert other.time.tolist() == pytest.approx([1.0] * 4)
+    assert torch.get_num_threads() == 1
+
+
+def test_a_world_names_what_copies_it():
+    world = boats(1)
+    for kind in (copy.copy, copy.deepcopy, pickle.dumps):
+        with pytest.raises(TypeError, match=r"fork\(envs\).*snapshot\(\)"):
+            kind(world)
+
+
+FORK = """
+import os, sys
+import taichi_sim as ts
+from taichi_sim.kernels.runtime import ProgramError
+
+def child(use):
+    pid = os.fork()
+    if not pid:
+        try:
+            use()
+        except ProgramError as error:
+            print(error, file=sys.stderr)
+            sys.exit(7)
+    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+
+def world():
+    return ts.World.from_scenario("paper", 2, teams=("usv",))
+
+ts.init(threads=2)
+bench = ts.Bench("unity_boat", envs=1000)
+bench.put()
+uses = [bench.put, bench.fleet.update, lambda: bench.step((0, 0)), world, lambda: ts.init(precision="f64")]
+print([child(use) for use in uses], child(sys.exit))
+bench.put()
+"""
+
+ASYNCHRONOUS = """
+import sys
+import gymnasium, taichi_sim
+if __name__ == "__main__":
+    envs = gymnasium.make_vec(
+        "taichi_sim/UsvFormation-v0", num_envs=2, vectorization_mode="async", vector_kwargs={"context": sys.argv[1]},
+        overrides=["track.worlds=2", "sea.realisations=2"],
+    )
+    print(envs.reset(seed=1)[0].shape[0], envs.step(envs.action_space.sample())[1].shape)
+    envs.close()
+"""
+
+
+def run(file, code, *arguments):
+    file.write_text(code)
+    path = {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    return subprocess.run(
+        [sys.executable, file, *arguments], capture_output=True, text=True, timeout=240, env=os.environ | path
+    )
+
+
+def test_a_forked_process_is_refused_by_name_and_ends(tmp_path):
+    """In a process of its own: whatever a child uses it is told what to do; it can end; the parent goes on."""
+    done = run(tmp_path / "forks.py", FORK)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "[7, 7, 7, 7, 7] 0"
+    assert done.stderr.count("'spawn' or 'forkserver'") == 5
+
+
+@pytest.mark.slow
+def test_gymnasiums_processes_work_if_they_are_spawned(tmp_path):
+    """Forked ones end at once with the message, and the command with them."""
+    file = tmp_path / "vector.py"
+    done = run(file, ASYNCHRONOUS, "spawn")
+    assert (done.returncode, done.stdout.splitlines()[-1:]) == (0, ["2 (2,)"]), done.stderr
+    done = run(file, ASYNCHRONOUS, "fork")
+    assert done.returncode == 1
+    assert "vector_kwargs={'context': 'spawn'}" in done.stderr
+
+
+def test_objects_of_another_precision_are_refused_and_nothing_moves():
+    runtime.init(precision="f32", threads=1)
+    world, bench, env = boats(), ts.Bench("unity_boat"), ts.batched_env("paper", 1, teams="usv", overrides=SMALL)
+    fleet, other = world.teams["usv"], boats()
+    world.step(still(world))
+    other.step(still(other))
+    before = fleet.state.clone(), world.time.clone(), env.mission.steps.clone()
+    runtime.init(precision="f64", threads=1)
+    try:
+        for use in (
+            lambda: world.step(still(world)),
+            lambda: world.place("usv", [0], fleet.state[:1]),
+            lambda: world.renew([0]),
+            lambda: world.fork([0]),
+            lambda: fleet.load,
+            lambda: fleet.set_numbers({"mass": 70.0}),
+            lambda: bench.step((0.1, 0.1)),
+            lambda: env.step({"usv": np.zeros((1, 3, 2))}),
+            lambda: env.reset(seed=1),
+            lambda: env.mission.reset(),
+            lambda: env.mission.teams["usv"].observe(),
+        ):
+            with pytest.raises(ProgramError, match=r"precision 'f32', and Taichi .* 'f64': make it anew, .*ts\.init"):
+                use()
+    finally:
+        runtime.init(precision="f32", threads=1)
+    for now, then in zip((fleet.state, world.time, env.mission.steps), before, strict=True):
+        assert torch.equal(now, then)
+    for each in (world, other):  # the first has outlived another program
+        each.step(still(each))
+    assert torch.equal(fleet.state, other.teams["usv"].state)
