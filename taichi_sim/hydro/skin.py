@@ -1,0 +1,549 @@
+"""The gate for every mesh: what passes is one hull's wetted skin, about its centreplane; all else is refused by name.
+
+Passing means, of the part below water (z < 0): every edge has two panels, but for edges in the water's surface, so that
+the skin is closed; normals can be made to point outward; no point of space is inside twice; port and starboard are
+alike. What lies above water may be open, doubled or missing. Water between hulls and through a moonpool is outside.
+
+Edges. Corners within MERGE are one. Open edges may meet others along their length (T-junctions), or miss them by at
+most GAP, which is reported. An edge with three panels is the edge of a floor, a bulkhead or a plate.
+
+Inside and outside. A line through a point of each panel, along the axis closest to the panel's normal, crosses the skin
+at known places, and each crossing changes by one how many times a point is inside (the winding number). It must be 0 on
+the outer side of every panel and 1 on its inner side. A part within another (an inner skin, a tank) has 1 and 2, two
+parts face to face have 1 and 1. Parts are turned outward one by one first, so an inner skin is found whichever way its
+normals point.
+
+Halves. Open edges in y = 0 make a half hull, declared or not: the other half is its mirror image.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_sim.config import ConfigError
+from taichi_sim.hydro.mesh_file import UNITS, Polygons
+from taichi_sim.hydro.surface import WettedSurface, X, Y, Z, area_vectors, as_triangles, mirrored, reverse
+
+Array = NDArray[np.float64]
+Whole = NDArray[np.int64]
+LONGEST, SHORTEST = 500.0, 0.1  # m; few ships are longer and no vehicle is shorter, so the unit is wrong
+# Tolerances over the mesh's size
+MERGE = 1e-6  # corners this close are one
+DRY = 1e-4  # corners this close to the water lie in its surface
+GAP = 5e-4  # open edges this close to each other are joined (panels of neighbouring patches that do not match)
+TIE = 1e-5  # crossings this close are at one place
+ALIKE = 1e-3  # corners of port and starboard that are images of each other
+# Other tolerances
+OPEN = 2e-3  # relative difference of volumes by different integrals, where open edges were joined
+STRAY = 1e-3  # share of the area that may seem to be inside twice, where open edges were joined
+UNEVEN = 0.01  # share of the hull that may differ between port and starboard
+SAID = 1e-3  # share from which that is reported
+FULL = 1.02  # volume over waterplane area and draught from which the hull widens downward
+MANY = 4000  # open edges that are compared with each other
+PAIRS = 2e8  # lines times triangles; of more panels, fewer lines are drawn
+CHUNK = 1e7  # of these at once
+PLACES = np.array([(0.47, 0.32, 0.21), (0.23, 0.29, 0.48)])  # points of a panel's triangle through which lines go
+SECTIONS = 47, 11  # lines across the hull along its length and depth, by which port and starboard are compared
+CAUSES = 40  # open edges that are looked at to tell a floor from a hole
+
+
+def checked(mesh: Polygons, name: str, length: float | None) -> WettedSurface:
+    """Return the wetted surface of a mesh whose water is z = 0, with outward normals, and print what was done to it.
+
+    For a mesh whose port and starboard are alike, it is the port half. `length` (m) is the vehicle's, to find a wrong
+    unit.
+
+    Raises:
+        ConfigError: if the mesh is no single closed skin about y = 0, in metres; the message says what it is.
+    """
+    panels = mesh.panels
+    size = float(np.ptp(panels.reshape(-1, 3), axis=0).max())
+    _check_size(size, name, length)
+    _check_water(panels[..., Z], size, name)
+    wet = _cut(_snapped(panels, MERGE * size), DRY * size)
+    wet = _snapped(wet, MERGE * size)
+    if not len(wet):
+        raise ConfigError(f"{name}: has no surface below the water; give --waterline, the height of the water in its z")
+    for axis in mesh.planes:
+        _check_half(wet, axis, size, name)
+        print(f"{name}: a half hull, completed by its mirror image in {'xyz'[axis]} = 0")
+    sheet = _joined(wet, _Border(mesh.planes, MERGE * size), size, name)
+    planes = mesh.planes
+    if 1 not in planes and (side := _half(sheet, size)):
+        word = "port" if side > 0 else "starboard"
+        print(f"{name}: a {word} half, open along y = 0; completed by its mirror image")
+        planes = (1, *planes)
+        if side < 0:
+            wet = mirrored(wet, 1)
+        sheet = _joined(wet, _Border(planes, MERGE * size), size, name)
+    _check_edges(sheet, panels, name, size)
+    wet, part = _outward(sheet, name)
+    surface = WettedSurface(wet, planes)
+    if sheet.gap > 0:
+        _check_volumes(surface, name)
+    _check_inside(surface, part, STRAY if sheet.gap > 0 else 0.0, name, size)
+    if 1 not in planes:
+        _check_even(surface, panels, name, size)
+        if _alike(wet, size):
+            surface = WettedSurface(_port(wet, DRY * size), (1, *planes))
+    _tell(surface, name)
+    return surface
+
+
+def _check_size(size: float, name: str, length: float | None) -> None:
+    units = f"give --unit ({', '.join(UNITS)})"
+    if length is not None and not 0.2 < size / length < 5:
+        raise ConfigError(f"{name}: is {size:.4g} m long; the vehicle is {length:g} m: is it in millimetres? {units}")
+    if size > LONGEST:
+        raise ConfigError(f"{name}: is {size:.4g} m long: is it in millimetres? {units}")
+    if size < SHORTEST:
+        raise ConfigError(f"{name}: is {size:.4g} m long: is it in another unit? {units}")
+
+
+def _check_water(z: Array, size: float, name: str) -> None:
+    wanted = "give --waterline, the height of the water in the mesh's own z, which must point up"
+    if z.min() > -DRY * size:
+        raise ConfigError(f"{name}: lies above the water (z from {z.min():.4g} to {z.max():.4g} m); {wanted}")
+    if z.max() < -DRY * size:
+        raise ConfigError(f"{name}: lies wholly under water (z up to {z.max():.4g} m); {wanted}")
+
+
+def _check_half(wet: Array, axis: int, size: float, name: str) -> None:
+    """Require a half that a file declares to be one, open at its plane of symmetry."""
+    declared = f"{name}: is a half hull (ISX or ISY of a GDF, no y < 0 in a CSV), mirrored in {'xyz'[axis]} = 0, but"
+    x, tiny = wet[..., axis], DRY * size
+    if x.min() < -tiny and x.max() > tiny:
+        raise ConfigError(f"{declared} has panels on both sides of it: write 0 for no symmetry, or delete one side")
+    if (flat := (np.abs(x) < tiny).all(axis=1)).any():
+        raise ConfigError(f"{declared} has {flat.sum()} panels in that plane: delete them, they are inside the hull")
+
+
+class _Border(NamedTuple):
+    """Where edges may be open."""
+
+    planes: tuple[int, ...]
+    tiny: float  # m
+
+    def holds(self, ends: Array) -> NDArray[np.bool_]:
+        """Whether edges [n, 2, 3] lie in the water's surface or in a plane of symmetry."""
+        found = (ends[..., Z] > -self.tiny).all(axis=1)
+        for axis in self.planes:
+            found |= (np.abs(ends[..., axis]) < self.tiny).all(axis=1)
+        return found
+
+
+class _Sheet(NamedTuple):
+    """Panels, and their edges after joining: open edges that run along others are cut where these end."""
+
+    panels: Array  # [n, 4, 3]
+    corners: Array  # [c, 3]
+    edges: Whole  # [e, 3]: panel, first and last corner in the panel's order
+    group: Whole  # [e]: edges between the same corners have the same number
+    count: Whole  # [e]: how many edges are in its group
+    border: NDArray[np.bool_]  # [e]: may be open
+    gap: float  # m, widest gap over which edges were joined
+
+    @property
+    def open(self) -> NDArray[np.bool_]:
+        """Edges of one panel that should have two."""
+        return (self.count == 1) & ~self.border
+
+
+def _sheet(panels: Array, corners: Array, edges: Whole, border: _Border, gap: float) -> _Sheet:
+    edges = edges[edges[:, 1] != edges[:, 2]]
+    ends = np.sort(edges[:, 1:], axis=1)
+    _, group, count = np.unique(ends[:, 0] * len(corners) + ends[:, 1], return_inverse=True, return_counts=True)
+    return _Sheet(panels, corners, edges, group, count[group], border.holds(corners[edges[:, 1:]]), gap)
+
+
+def _joined(panels: Array, border: _Border, size: float, name: str) -> _Sheet:
+    """Panels with their edges; open edges are joined with others within GAP."""
+    corners, number = np.unique(panels.reshape(-1, 3), axis=0, return_inverse=True)
+    number = number.reshape(-1, 4)
+    edges = np.stack([np.repeat(np.arange(len(panels)), 4), number.ravel(), np.roll(number, -1, axis=1).ravel()], 1)
+    sheet = _sheet(panels, corners, edges, border, 0.0)
+    loose = np.flatnonzero(sheet.open)
+    if not len(loose):
+        return sheet
+    if len(loose) > MANY:
+        raise ConfigError(
+            f"{name}: its panels are not connected: {len(loose)} edges below the water have one panel; merge its "
+            "vertices, or export the mesh anew"
+        )
+    corners, edges = sheet.corners, sheet.edges.copy()
+    # Corners at the end of open edges move into the first within GAP; other edges of these corners follow
+    tips = np.unique(edges[loose, 1:])
+    away = np.linalg.norm(corners[tips][:, None] - corners[tips], axis=2)
+    first = (away <= GAP * size).argmax(axis=1)
+    gap = float(away[np.arange(len(tips)), first].max())
+    moved = np.arange(len(corners))
+    moved[tips] = tips[first]
+    edges[:, 1:] = moved[edges[:, 1:]]
+    tips = np.unique(moved[tips])
+    # Open edges are cut at corners on them
+    a, b = corners[edges[loose, 1]], corners[edges[loose, 2]]
+    along = b - a
+    s = np.einsum("etk,ek->et", corners[tips] - a[:, None], along) / np.maximum((along**2).sum(axis=1), 1e-300)[:, None]
+    off = np.linalg.norm(corners[tips] - a[:, None] - s[..., None] * along[:, None], axis=2)
+    ends = (tips == edges[loose, 1][:, None]) | (tips == edges[loose, 2][:, None])
+    on = (s > 0) & (s < 1) & (off <= GAP * size) & ~ends
+    cut = [edges[np.setdiff1d(np.arange(len(edges)), loose)]]
+    for k, edge in enumerate(loose):
+        panel, i, j = edges[edge]
+        between = tips[on[k]][np.argsort(s[k, on[k]])]
+        chain = np.array([i, *between, j])
+        cut.append(np.stack([np.full(len(chain) - 1, panel), chain[:-1], chain[1:]], axis=1))
+    joined = _sheet(panels, corners, np.concatenate(cut), border, 0.0)
+    if on.any():
+        gap = max(gap, float(off[on].max()))
+    if joined.open.any() or gap <= TIE * size:
+        return joined
+    print(f"{name}: {len(loose)} edges of its panels do not meet (gaps up to {gap:.2g} m); joined")
+    return joined._replace(gap=gap)
+
+
+def _half(sheet: _Sheet, size: float) -> int:
+    """1 for a port half and -1 for a starboard half that is open along y = 0 and nowhere else; else 0."""
+    y, loose = sheet.panels[..., Y], sheet.corners[sheet.edges[sheet.open, 1:]][..., Y]
+    if not loose.size or np.abs(loose).max() > DRY * size:
+        return 0
+    return 1 if y.min() > -DRY * size else -1 if y.max() < DRY * size else 0
+
+
+def _check_edges(sheet: _Sheet, panels: Array, name: str, size: float) -> None:
+    """Require two panels at every edge that is below water and off the planes of symmetry; four are two parts."""
+    ring = np.sort(np.unique(sheet.panels.reshape(-1, 3), axis=0, return_inverse=True)[1].reshape(-1, 4), axis=1)
+    _, first, times = np.unique(ring, axis=0, return_index=True, return_counts=True)
+    if (times > 1).any():
+        raise ConfigError(
+            f"{name}: has {(times > 1).sum()} panels twice {_where(sheet.panels[first[times > 1]])}: doubled, or of "
+            "parts that overlap or stand face to face (a bulkhead); delete the doubles, or unite the parts (a Boolean "
+            "union) and export anew"
+        )
+    loose, many = np.flatnonzero(sheet.open), np.flatnonzero((sheet.count % 2 == 1) & (sheet.count > 1))
+    many = many[~sheet.border[many]]
+    ends_on = _ending_on_panels(sheet, loose, size)
+    if len(many) or ends_on:
+        at = many if len(many) else loose
+        how = "three panels or more" if len(many) else "no panel beside them, and lie on others"
+        raise ConfigError(
+            f"{name}: has a panel inside (a bulkhead, floor or plate): {len(np.unique(sheet.group[at]))} edges "
+            f"{_where(sheet.corners[sheet.edges[at, 1:]])} have {how}; keep the outer skin alone"
+        )
+    if not len(loose):
+        return
+    hint = ""
+    places = sheet.corners[sheet.edges[loose, 1:]].reshape(-1, 3)
+    for axis in (Y, X):
+        if np.ptp(places[:, axis]) < DRY * size and np.abs(places[:, axis]).max() > 0:
+            at = f"{'xyz'[axis]} = {places[:, axis].mean():.4g} m"
+            hint = f"; all lie in {at}: a half hull must be open at y = 0, or its GDF declare ISX, ISY"
+    if _upside(panels):
+        hint = "; its y is up: turn it so that z is up and y to port"
+    raise ConfigError(
+        f"{name}: has holes below the water: {len(loose)} open edges {_where(places)}; close them, or export the "
+        f"mesh anew{hint}"
+    )
+
+
+def _ending_on_panels(sheet: _Sheet, loose: Whole, size: float) -> bool:
+    """Whether most of the open edges lie on panels that do not have them."""
+    if not len(loose):
+        return False
+    triangles = _triangles(sheet.panels)
+    owner = np.concatenate([np.arange(len(sheet.panels))] * 2)
+    on = 0
+    some = loose[:: max(1, len(loose) // CAUSES)]
+    for edge in some:
+        middle = sheet.corners[sheet.edges[edge, 1:]].mean(axis=0)
+        a, u, v = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+        normal = np.cross(u, v)
+        area = np.maximum((normal**2).sum(axis=1), 1e-300)
+        w = middle - a
+        off = np.abs((w * normal).sum(axis=1)) / np.sqrt(area)
+        s = (np.cross(w, v) * normal).sum(axis=1) / area
+        t = (np.cross(u, w) * normal).sum(axis=1) / area
+        within = (s > -MERGE) & (t > -MERGE) & (s + t < 1 + MERGE) & (owner != sheet.edges[edge, 0])
+        on += bool((within & (off < GAP * size)).any())
+    return on > len(some) / 2
+
+
+def _where(points: Array) -> str:
+    """The middle of points [..., 3] in words."""
+    x, y, z = np.round(points.reshape(-1, 3).mean(axis=0), 4) + 0.0
+    return f"about x = {x:.4g}, y = {y:.4g}, z = {z:.4g} m"
+
+
+def _outward(sheet: _Sheet, name: str) -> tuple[Array, Whole]:
+    """Turn panels so that neighbours traverse their common edge in opposite directions, and each part outward; also
+    return the number of the part of each panel.
+    """
+    order = np.argsort(sheet.group, kind="stable")
+    pairs = order[sheet.count[order] == 2].reshape(-1, 2)
+    one, other = sheet.edges[pairs[:, 0]], sheet.edges[pairs[:, 1]]
+    same = one[:, 1] == other[:, 1]
+    beside: list[list[tuple[int, bool]]] = [[] for _ in sheet.panels]
+    for i, j, way in zip(one[:, 0].tolist(), other[:, 0].tolist(), same.tolist(), strict=True):
+        beside[i].append((j, way))
+        beside[j].append((i, way))
+    turn = np.zeros(len(sheet.panels), dtype=bool)
+    part = np.full(len(sheet.panels), -1)
+    parts = 0
+    for start in range(len(beside)):
+        if part[start] >= 0:
+            continue
+        part[start], heap = parts, [start]
+        while heap:
+            panel = heap.pop()
+            for neighbour, way in beside[panel]:
+                wanted = turn[panel] ^ way
+                if part[neighbour] < 0:
+                    part[neighbour], turn[neighbour] = parts, wanted
+                    heap.append(neighbour)
+                elif turn[neighbour] != wanted:
+                    raise ConfigError(f"{name}: its surface has only one side: normals cannot be made consistent")
+        parts += 1
+    panels = np.where(turn[:, None, None], reverse(sheet.panels), sheet.panels)
+    triangles = _triangles(panels)
+    upward = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])[:, Z] / 2
+    volume = np.bincount(np.tile(part, 2), triangles[..., Z].mean(axis=1) * upward)
+    inward = (volume < 0)[part]
+    turned = turn ^ inward
+    if turned.all():
+        print(f"{name}: its normals pointed inward; turned over")
+    elif turned.any():
+        print(f"{name}: the normals of {turned.sum()} of {len(turned)} panels were turned over")
+    return np.where(inward[:, None, None], reverse(panels), panels), part
+
+
+def _check_volumes(surface: WettedSurface, name: str) -> None:
+    """Require the volumes by x, y and z to agree, as they do of a closed surface."""
+    volumes = np.sum(surface.whole.mean(axis=1) * surface.area, axis=0)
+    off = float(np.ptp(volumes) / np.abs(volumes).max())
+    if off > OPEN:
+        raise ConfigError(
+            f"{name}: is not closed: panels that do not meet leave {100 * off:.2g} % of its volume open (allowed are "
+            f"{100 * OPEN:g} %); close the gaps, or export the mesh anew"
+        )
+
+
+def _triangles(panels: Array) -> Array:
+    """Triangles [2 n, 3, 3] of panels; of a triangle the second has no area."""
+    return np.concatenate([panels[:, [0, 1, 2]], panels[:, [0, 2, 3]]])
+
+
+class _Crossings(NamedTuple):
+    """Where lines cross triangles."""
+
+    line: Whole  # [k]
+    at: Array  # [k], m, along the axis
+    step: Whole  # [k]: 1 into the hull, -1 out of it
+
+
+def _crossings(triangles: Array, points: Array, axis: int) -> _Crossings:
+    """Crossings of triangles [m, 3, 3] by lines along `axis` through points [n, 3].
+
+    The two sides of a line through an edge are told by the same arithmetic for both its triangles, so that a line never
+    slips between them.
+    """
+    u, v = (a for a in range(3) if a != axis)
+    flat, places = triangles[..., [u, v]], points[:, [u, v]]
+    low, high = flat.min(axis=1), flat.max(axis=1)
+    pairs = []
+    rows = max(1, int(CHUNK / len(triangles)))
+    for first in range(0, len(points), rows):
+        p = places[first : first + rows, None]
+        line, triangle = np.nonzero(
+            (p[..., 0] >= low[:, 0]) & (p[..., 0] <= high[:, 0]) & (p[..., 1] >= low[:, 1]) & (p[..., 1] <= high[:, 1])
+        )
+        pairs.append(np.stack([line + first, triangle], axis=1))
+    line, triangle = np.concatenate(pairs).T
+    left = np.stack([_left(flat[triangle, i], flat[triangle, (i + 1) % 3], places[line]) for i in range(3)], axis=1)
+    hit = left.all(axis=1) | ~left.any(axis=1)
+    line, triangle, left = line[hit], triangle[hit], left[hit]
+    a, b, c = np.moveaxis(triangles[triangle], 1, 0)
+    normal = np.cross(b - a, c - a)
+    slope = np.where(normal[:, axis] == 0, 1.0, normal[:, axis])
+    rise = -((places[line, 0] - a[:, u]) * normal[:, u] + (places[line, 1] - a[:, v]) * normal[:, v]) / slope
+    # From above, corners run to the left about the axis x and z, and to the right about y, where u, v are x, z
+    upward = left[:, 0] ^ (axis == Y)
+    return _Crossings(line, a[:, axis] + rise, np.where(upward, -1, 1))
+
+
+def _left(p: Array, q: Array, at: Array) -> NDArray[np.bool_]:
+    """Whether points [n, 2] lie to the left of p -> q; on the line, by a rule that is the same for q -> p."""
+    swap = (p[:, 0] > q[:, 0]) | ((p[:, 0] == q[:, 0]) & (p[:, 1] > q[:, 1]))
+    p, q = np.where(swap[:, None], q, p), np.where(swap[:, None], p, q)
+    side = (q[:, 0] - p[:, 0]) * (at[:, 1] - p[:, 1]) - (q[:, 1] - p[:, 1]) * (at[:, 0] - p[:, 0])
+    return (side >= 0) ^ swap
+
+
+def _windings(surface: WettedSurface, chosen: Whole, place: Array, size: float) -> Whole:
+    """How many times [n, 2] the outer and the inner side of the chosen panels are inside the hull."""
+    triangles = _triangles(surface.whole)
+    own = _triangles(surface.panels[chosen])
+    area = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0])
+    n = len(chosen)
+    larger = np.where(np.linalg.norm(area[:n], axis=1) >= np.linalg.norm(area[n:], axis=1), 0, n) + np.arange(n)
+    points, area = place @ own[larger], area[larger]
+    along = np.abs(area).argmax(axis=1)
+    found = np.zeros((n, 2), dtype=np.int64)
+    for axis in range(3):
+        mine = np.flatnonzero(along == axis)
+        if not len(mine):
+            continue
+        line, at, step = _crossings(triangles, points[mine], axis)
+        here = points[mine, axis][line]
+        before = np.bincount(line[at < here - TIE * size], step[at < here - TIE * size], len(mine))
+        after = np.bincount(line[at <= here + TIE * size], step[at <= here + TIE * size], len(mine))
+        outside_first = (area[mine, axis] < 0)[:, None]
+        found[mine] = np.where(outside_first, np.stack([before, after], 1), np.stack([after, before], 1))
+    return found
+
+
+def _check_inside(surface: WettedSurface, part: Whole, allowed: float, name: str, size: float) -> None:
+    """Require every panel to have water on its outer side and hull on its inner side, but for a share of the area."""
+    lines = int(max(1, PAIRS / (2 * len(surface.whole))))
+    step = -(-len(surface) // lines)
+    looked = np.arange(0, len(surface), step)
+    if step > 1:
+        print(f"{name}: one of {step} panels looked at for parts that overlap")
+    sides = _windings(surface, looked, PLACES[0], size)
+    chosen = looked[(sides != (0, 1)).any(axis=1)]
+    if len(chosen):
+        sides = _windings(surface, chosen, PLACES[1], size)
+        wrong = (sides != (0, 1)).any(axis=1)
+        chosen, sides = chosen[wrong], sides[wrong]
+    area = np.linalg.norm(area_vectors(surface.panels), axis=1)
+    if not len(chosen) or step * area[chosen].sum() <= allowed * area.sum():
+        return
+    outer, inner = sides.T
+    within = (outer >= 1) & (inner > outer)
+    at = f"{len(chosen)} panels {_where(surface.panels[chosen])}"
+    parts = np.unique(part[chosen[within]])
+    if any(np.isin(looked[part[looked] == k], chosen[within]).all() for k in parts):
+        what = f"has an inner skin (the inner face of a wall, a tank): {at} lie inside another part; keep the outer skin"
+    elif (outer == inner).mean() > 0.5:
+        what = f"has panels with the same on both sides (a bulkhead, parts face to face, a plate): {at}; unite its parts"
+    elif within.any():
+        what = f"has parts that overlap: {at} lie inside another part; unite the parts (a Boolean union) and export anew"
+    elif (inner - outer >= 2).mean() > 0.5:
+        what = f"has panels twice: {at} lie on others; delete the doubles (or unite parts that overlap)"
+    else:
+        what = f"has a skin that crosses itself: {at}; mend it and export anew"
+    raise ConfigError(f"{name}: {what}")
+
+
+def _uneven(panels: Array, planes: tuple[int, ...], size: float) -> tuple[float, float, float]:
+    """Share of a skin that differs between port and starboard of y = 0, the y of its own centreplane (m), and the share
+    about that.
+    """
+    triangles = _triangles(WettedSurface(panels, planes).whole)
+    low, high = triangles.reshape(-1, 3).min(axis=0), triangles.reshape(-1, 3).max(axis=0)
+    x, z = ((np.arange(n) + PLACES[0, k]) / n for k, n in enumerate(SECTIONS))
+    grid = np.stack(np.meshgrid(x, [0.0], z, indexing="ij"), axis=-1).reshape(-1, 3)
+    line, y, _ = _crossings(triangles, low + grid * (high - low), Y)
+    order = np.lexsort((y, line))
+    line, y = line[order], y[order]
+    count = np.bincount(line, minlength=int(np.prod(SECTIONS)))
+    first = np.cumsum(count) - count
+    opposite = y[(2 * first + count - 1)[line] - np.arange(len(y))]
+    inside = float(np.sum(np.where((np.arange(len(y)) - first[line]) % 2, y, -y)))
+    inside = max(inside, 1e-300)
+    middle = float(np.median((y + opposite) / 2)) if len(y) else 0.0
+    about = float(np.abs(y + opposite - 2 * middle).sum()) / 2 / inside
+    return float(np.abs(y + opposite).sum()) / 2 / inside, middle, about
+
+
+def _check_even(surface: WettedSurface, panels: Array, name: str, size: float) -> None:
+    """Require port and starboard to be alike."""
+    off, middle, about = _uneven(surface.panels, surface.planes, size)
+    if off <= UNEVEN:
+        if off > SAID:
+            print(f"{name}: port and starboard differ by {100 * off:.2g} % of the hull")
+        return
+    y = surface.whole[..., Y]
+    spread = f"y from {y.min():.4g} to {y.max():.4g} m"
+    if _upside(panels):
+        what = f"is not alike to port and starboard, but is about z: its y is up ({spread}); turn it so that z is up"
+    elif about <= UNEVEN:
+        what = f"lies off the centreplane: {spread}, its own middle at y = {middle:.4g} m; move it by {-middle:.4g} m in y"
+        if min(abs(y.min()), abs(y.max())) < DRY * size:
+            what += " (the origin of a drawing at a corner), or, if it is one half of a hull, delete its face in y = 0"
+    elif min(abs(y.min()), abs(y.max())) < DRY * size:
+        what = f"is one half of a hull ({spread}) with a face in y = 0: delete that face, and the half is mirrored"
+    else:
+        what = (
+            f"is not alike to port and starboard: they differ by {100 * off:.2g} % of the hull ({spread}; allowed are "
+            f"{100 * UNEVEN:g} %); a part may be missing, or its middle not in y = 0"
+        )
+    raise ConfigError(f"{name}: {what}")
+
+
+def _upside(panels: Array) -> bool:
+    """Whether a mesh has equal sides along z, but not along y, as one does whose y is up."""
+    size = float(np.ptp(panels.reshape(-1, 3), axis=0).max())
+    y, z = panels[..., Y], panels[..., Z]
+    if abs(z.min() + z.max()) > ALIKE * size or not _alike(panels, size, Z):
+        return False
+    return not _alike(panels - [0.0, (y.min() + y.max()) / 2, 0.0], size, Y)
+
+
+def _alike(panels: Array, size: float, axis: int = Y) -> bool:
+    """Whether corners are the mirror images of others in the plane normal to `axis`."""
+    corners = np.unique(np.round(panels.reshape(-1, 3), 9), axis=0)
+    image = corners.copy()
+    image[:, axis] *= -1
+    near = ALIKE * size
+    order = np.argsort(corners[:, X])
+    corners, image = corners[order], image[order]
+    low, high = np.searchsorted(corners[:, X], image[:, X] - near), np.searchsorted(corners[:, X], image[:, X] + near)
+    return all(
+        (np.abs(corners[i:j] - own).max(axis=1) <= near).any() for own, i, j in zip(image, low, high, strict=True)
+    )
+
+
+def _tell(surface: WettedSurface, name: str) -> None:
+    """Print the size of the wetted hull, by which a wrong unit or axis shows."""
+    low, high = surface.whole.reshape(-1, 3).min(axis=0), surface.whole.reshape(-1, 3).max(axis=0)
+    length, beam, draught = *(high - low)[:2], -low[2]
+    print(f"{name}: below water {length:.4g} m long, {beam:.4g} m wide, {draught:.4g} m deep, {surface.volume:.4g} m^3")
+    if beam > length:
+        print(f"warning: {name} is wider than long: x must point forward")
+    if surface.volume > FULL * surface.waterplane["A"] * draught:
+        print(f"warning: {name} is wider below than at the water: if it is not meant so, its z points down")
+
+
+def _port(panels: Array, tiny: float) -> Array:
+    """Parts of panels on the port side; panels that cross the centreplane are cut."""
+    return _cut(panels[..., [0, 2, 1]] * [1.0, 1.0, -1.0], tiny)[..., [0, 2, 1]] * [1.0, -1.0, 1.0]
+
+
+def _snapped(panels: Array, tiny: float) -> Array:
+    """Merge corners within `tiny`, and drop panels without area."""
+    grid = np.rint(panels / tiny) * tiny
+    panels = np.where(np.abs(grid) < tiny / 2, 0.0, grid)
+    panels = as_triangles(panels, tiny / 2)
+    return panels[np.linalg.norm(area_vectors(panels), axis=1) > tiny**2]
+
+
+def _cut(panels: Array, tiny: float) -> Array:
+    """Parts of panels below z = 0, without panels in the water's surface itself."""
+    panels = panels.copy()
+    panels[..., Z][np.abs(panels[..., Z]) < tiny] = 0.0
+    z = panels[..., Z]
+    found = [panels[(z <= 0).all(axis=1) & (z < 0).any(axis=1)]]
+    for panel in panels[(z < 0).any(axis=1) & (z > 0).any(axis=1)]:
+        ring = []
+        for p, q in zip(panel, np.roll(panel, -1, axis=0), strict=True):
+            if p[2] <= 0:
+                ring.append(p)
+            if p[2] * q[2] < 0:
+                ring.append(p + (q - p) * (p[2] / (p[2] - q[2])))
+        ring = [p for i, p in enumerate(ring) if np.linalg.norm(p - ring[i - 1]) > tiny]
+        for p in ring:
+            p[2] = min(p[2], 0.0)
+        fans = [ring] if len(ring) in (3, 4) else [ring[:4], [ring[0], *ring[3:]]] if len(ring) == 5 else []
+        found += [np.array([[*fan, fan[-1]][:4]]) for fan in fans]
+    return np.concatenate(found)
