@@ -13,7 +13,7 @@ from taichi_sim.conventions import RHO_SEA
 from taichi_sim.hydro import mesh_file, skin
 from taichi_sim.hydro.offsets import offsets
 from taichi_sim.hydro.panels import Z_UP, wetted
-from taichi_sim.hydro.surface import WettedSurface, X, Z, mirrored
+from taichi_sim.hydro.surface import WettedSurface, X, mirrored
 from taichi_sim.kernels.rigid_body import rigid_body_mass
 from taichi_sim.usv.hull.database import SUFFIX, HydroDatabase
 from taichi_sim.usv.hull.hydrostatics import Hydrostatics
@@ -127,10 +127,10 @@ def of_mesh(
         print(f"{name}: no --gyration: {gyration} m, 0.35 of the beam and 0.25 of the length")
     try:
         shape = offsets(surface, *table)
-    except ValueError as error:  # of pydantic, too
+    except ValueError:  # a section without water or with a hole, half-breadths below 0
         raise ConfigError(
-            f"{name}: no table of offsets can be made of it, which holds one hull or two alike: {error}; write a vehicle "
-            "file with its [hull], and give this mesh as --mesh"
+            f"{name}: no table of offsets can be made of it: a table holds one hull or two alike, without a hole; write "
+            "a vehicle file with its [hull], and give this mesh as --mesh"
         ) from None
     M = rigid_body_mass(mass, cg, mass * np.diag(np.square(np.array(gyration))))
     return FloatingHull(name, mesh(shape), mass, cg, np.asarray(M, dtype=float), shape)

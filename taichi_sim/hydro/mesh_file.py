@@ -1,12 +1,12 @@
 """Reading of a hull's surface from a file, whole or not at all; skin.py then checks what it is.
 
-Formats are STL (text and binary), OBJ, WAMIT's GDF of flat panels, CSV of panels with the columns x1, y1, z1 ... x4, y4,
-z4, and PLY, VTK, MSH and others that meshio reads. The frame is x forward, y to port, z up. A GDF of one half declares
-this (ISX, ISY); a CSV of one half has no y below 0.
+Formats are STL (text and binary), OBJ, WAMIT's GDF of flat panels, CSV of panels with the columns x1, y1, z1 ... x4,
+y4, z4, and PLY, VTK, MSH and others that meshio reads. The frame is x forward, y to port, z up. A GDF of one half
+declares this (ISX, ISY); a CSV of one half has no y below 0.
 
-A reader refuses what it does not know: a file that was cut or damaged lacks its end, its count or its words. Coordinates
-of a GDF are dimensional (WAMIT manual, section 6.1: ULEN makes output dimensionless, and nothing else); their unit is the
-metre or the foot of its GRAV.
+A reader refuses what it does not know: a file that was cut or damaged lacks its end, its count or its words.
+Coordinates of a GDF are dimensional (WAMIT manual, "The geometric data file": ULEN makes output dimensionless, and
+nothing else); their unit is the metre or the foot of its GRAV.
 """
 
 import warnings
@@ -93,7 +93,7 @@ def _gdf(path: Path, unit: str) -> Polygons:
     numbers = np.array([_number(word) for word in " ".join(lines[4:]).split()])
     if count < 1 or numbers.size != 12 * count:
         raise ValueError(
-            f"{count} panels announced, {numbers.size} numbers for {numbers.size / 12:.4g} found: is the file truncated?"
+            f"{count} panels announced, numbers for {numbers.size / 12:.4g} found: is the file truncated?"
         )
     planes = tuple(axis for axis, on in ((1, symmetry[1]), (0, symmetry[0])) if on)
     return Polygons(UNITS[_gdf_unit(path, grav, unit)] * numbers.reshape(-1, 4, 3), planes)

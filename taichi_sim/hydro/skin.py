@@ -41,8 +41,8 @@ UNEVEN = 0.01  # share of the hull that may differ between port and starboard
 SAID = 1e-3  # share from which that is reported
 FULL = 1.02  # volume over waterplane area and draught from which the hull widens downward
 MANY = 4000  # open edges that are compared with each other
-PAIRS = 2e8  # lines times triangles; of more panels, fewer lines are drawn
-CHUNK = 1e7  # of these at once
+PAIRS = 1e9  # lines times triangles; of more panels, fewer lines are drawn
+LINES = 200  # that are drawn at once
 PLACES = np.array([(0.47, 0.32, 0.21), (0.23, 0.29, 0.48)])  # points of a panel's triangle through which lines go
 SECTIONS = 47, 11  # lines across the hull along its length and depth, by which port and starboard are compared
 CAUSES = 40  # open edges that are looked at to tell a floor from a hole
@@ -65,8 +65,10 @@ def checked(mesh: Polygons, name: str, length: float | None) -> WettedSurface:
     wet = _snapped(wet, MERGE * size)
     if not len(wet):
         raise ConfigError(f"{name}: has no surface below the water; give --waterline, the height of the water in its z")
+    wet = _unfolded(wet, mesh.planes, size, name)
     for axis in mesh.planes:
         _check_half(wet, axis, size, name)
+        wet = wet if wet[..., axis].max() > DRY * size else mirrored(wet, axis)
         print(f"{name}: a half hull, completed by its mirror image in {'xyz'[axis]} = 0")
     sheet = _joined(wet, _Border(mesh.planes, MERGE * size), size, name)
     planes = mesh.planes
@@ -74,8 +76,7 @@ def checked(mesh: Polygons, name: str, length: float | None) -> WettedSurface:
         word = "port" if side > 0 else "starboard"
         print(f"{name}: a {word} half, open along y = 0; completed by its mirror image")
         planes = (1, *planes)
-        if side < 0:
-            wet = mirrored(wet, 1)
+        wet = _unfolded(wet if side > 0 else mirrored(wet, Y), planes, size, name)
         sheet = _joined(wet, _Border(planes, MERGE * size), size, name)
     _check_edges(sheet, panels, name, size)
     wet, part = _outward(sheet, name)
@@ -110,7 +111,7 @@ def _check_water(z: Array, size: float, name: str) -> None:
 
 
 def _check_half(wet: Array, axis: int, size: float, name: str) -> None:
-    """Require a half that a file declares to be one, open at its plane of symmetry."""
+    """Require a half that a file declares to be on one side of its plane of symmetry, and open there."""
     declared = f"{name}: is a half hull (ISX or ISY of a GDF, no y < 0 in a CSV), mirrored in {'xyz'[axis]} = 0, but"
     x, tiny = wet[..., axis], DRY * size
     if x.min() < -tiny and x.max() > tiny:
@@ -211,13 +212,38 @@ def _half(sheet: _Sheet, size: float) -> int:
     return 1 if y.min() > -DRY * size else -1 if y.max() < DRY * size else 0
 
 
+def _coincident(panels: Array) -> tuple[Whole, Whole]:
+    """Number [n] that panels with the same corners have in common, and how many [n] have it."""
+    number = np.unique(panels.reshape(-1, 3), axis=0, return_inverse=True)[1].reshape(-1, 4)
+    ring = np.sort(np.where([False, False, False, True] & (number[:, 2:3] == number[:, 3:]), -1, number), axis=1)
+    _, same, times = np.unique(ring, axis=0, return_inverse=True, return_counts=True)
+    return same.ravel(), times[same.ravel()]
+
+
+def _unfolded(panels: Array, planes: tuple[int, ...], size: float, name: str) -> Array:
+    """Leave out fins without thickness, as triangulation makes at a sharp stem: pairs of panels back to back, and, of a
+    half hull, panels in its plane of symmetry.
+    """
+    area = area_vectors(panels)
+    share = np.linalg.norm(area, axis=1) / np.linalg.norm(area, axis=1).sum()
+    same, times = _coincident(panels)
+    net = np.stack([np.bincount(same, area[:, k])[same] for k in range(3)], axis=1)
+    flat = (times == 2) & (np.linalg.norm(net, axis=1) < np.linalg.norm(area, axis=1))
+    for axis in planes:
+        flat |= (np.abs(panels[..., axis]) < DRY * size).all(axis=1)
+    if not flat.any() or share[flat].sum() > STRAY:
+        return panels
+    print(f"{name}: {flat.sum()} panels of a fin without thickness left out")
+    return panels[~flat]
+
+
 def _check_edges(sheet: _Sheet, panels: Array, name: str, size: float) -> None:
     """Require two panels at every edge that is below water and off the planes of symmetry; four are two parts."""
-    ring = np.sort(np.unique(sheet.panels.reshape(-1, 3), axis=0, return_inverse=True)[1].reshape(-1, 4), axis=1)
-    _, first, times = np.unique(ring, axis=0, return_index=True, return_counts=True)
-    if (times > 1).any():
+    same, times = _coincident(sheet.panels)
+    twice = times > 1
+    if twice.any():
         raise ConfigError(
-            f"{name}: has {(times > 1).sum()} panels twice {_where(sheet.panels[first[times > 1]])}: doubled, or of "
+            f"{name}: has {len(np.unique(same[twice]))} panels twice {_where(sheet.panels[twice])}: doubled, or of "
             "parts that overlap or stand face to face (a bulkhead); delete the doubles, or unite the parts (a Boolean "
             "union) and export anew"
         )
@@ -233,18 +259,27 @@ def _check_edges(sheet: _Sheet, panels: Array, name: str, size: float) -> None:
         )
     if not len(loose):
         return
-    hint = ""
     places = sheet.corners[sheet.edges[loose, 1:]].reshape(-1, 3)
-    for axis in (Y, X):
-        if np.ptp(places[:, axis]) < DRY * size and np.abs(places[:, axis]).max() > 0:
-            at = f"{'xyz'[axis]} = {places[:, axis].mean():.4g} m"
-            hint = f"; all lie in {at}: a half hull must be open at y = 0, or its GDF declare ISX, ISY"
-    if _upside(panels):
-        hint = "; its y is up: turn it so that z is up and y to port"
     raise ConfigError(
-        f"{name}: has holes below the water: {len(loose)} open edges {_where(places)}; close them, or export the "
-        f"mesh anew{hint}"
+        f"{name}: has holes below the water, or stray panels: {len(loose)} open edges {_where(places)}; "
+        + (_opening(places, panels, size) or "close them, or export the mesh anew")
     )
+
+
+def _opening(places: Array, panels: Array, size: float) -> str:
+    """What a mesh is whose open edges [n, 3] all lie in one side of its box; empty if they do not."""
+    sides = np.zeros(3, dtype=bool)
+    for end in (panels.reshape(-1, 3).min(axis=0), panels.reshape(-1, 3).max(axis=0)):
+        bare = ~(np.abs(panels - end) < DRY * size).all(axis=1).any(axis=0)  # no panel lies in that side
+        sides |= bare & (np.abs(places - end).max(axis=0) < DRY * size)
+    if sides[Y]:
+        hint = "; or is its y up?" if _upside(panels) else ""
+        return f"all lie in y = {places[:, Y].mean():.4g} m: a half hull must be moved so that it is open at y = 0{hint}"
+    if sides[X]:
+        return f"all lie in x = {places[:, X].mean():.4g} m: half a hull; mirror it, or let its GDF declare ISX = 1"
+    if sides[Z]:
+        return "all lie at its lowest z: its z points down; turn it so that z is up"
+    return "its y is up: turn it so that z is up and y to port" if _upside(panels) else ""
 
 
 def _ending_on_panels(sheet: _Sheet, loose: Whole, size: float) -> bool:
@@ -252,14 +287,16 @@ def _ending_on_panels(sheet: _Sheet, loose: Whole, size: float) -> bool:
     if not len(loose):
         return False
     triangles = _triangles(sheet.panels)
-    owner = np.concatenate([np.arange(len(sheet.panels))] * 2)
+    owner = np.tile(np.arange(len(sheet.panels)), 2)
+    own_area = (np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) != 0).any(axis=1)
+    triangles, owner = triangles[own_area], owner[own_area]
+    a, u, v = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    normal = np.cross(u, v)
+    area = (normal**2).sum(axis=1)
     on = 0
     some = loose[:: max(1, len(loose) // CAUSES)]
     for edge in some:
         middle = sheet.corners[sheet.edges[edge, 1:]].mean(axis=0)
-        a, u, v = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-        normal = np.cross(u, v)
-        area = np.maximum((normal**2).sum(axis=1), 1e-300)
         w = middle - a
         off = np.abs((w * normal).sum(axis=1)) / np.sqrt(area)
         s = (np.cross(w, v) * normal).sum(axis=1) / area
@@ -351,13 +388,16 @@ def _crossings(triangles: Array, points: Array, axis: int) -> _Crossings:
     flat, places = triangles[..., [u, v]], points[:, [u, v]]
     low, high = flat.min(axis=1), flat.max(axis=1)
     pairs = []
-    rows = max(1, int(CHUNK / len(triangles)))
-    for first in range(0, len(points), rows):
-        p = places[first : first + rows, None]
+    order = np.argsort(places[:, 0])
+    for first in range(0, len(points), LINES):
+        lines = order[first : first + LINES]
+        p = places[lines, None]
+        near = np.flatnonzero((low[:, 0] <= p[..., 0].max()) & (high[:, 0] >= p[..., 0].min()))
+        lo, hi = low[near], high[near]
         line, triangle = np.nonzero(
-            (p[..., 0] >= low[:, 0]) & (p[..., 0] <= high[:, 0]) & (p[..., 1] >= low[:, 1]) & (p[..., 1] <= high[:, 1])
+            (p[..., 0] >= lo[:, 0]) & (p[..., 0] <= hi[:, 0]) & (p[..., 1] >= lo[:, 1]) & (p[..., 1] <= hi[:, 1])
         )
-        pairs.append(np.stack([line + first, triangle], axis=1))
+        pairs.append(np.stack([lines[line], near[triangle]], axis=1))
     line, triangle = np.concatenate(pairs).T
     left = np.stack([_left(flat[triangle, i], flat[triangle, (i + 1) % 3], places[line]) for i in range(3)], axis=1)
     hit = left.all(axis=1) | ~left.any(axis=1)
@@ -423,11 +463,11 @@ def _check_inside(surface: WettedSurface, part: Whole, allowed: float, name: str
     at = f"{len(chosen)} panels {_where(surface.panels[chosen])}"
     parts = np.unique(part[chosen[within]])
     if any(np.isin(looked[part[looked] == k], chosen[within]).all() for k in parts):
-        what = f"has an inner skin (the inner face of a wall, a tank): {at} lie inside another part; keep the outer skin"
+        what = f"has an inner skin (of a wall, or a tank): {at} lie inside another part; keep the outer skin"
     elif (outer == inner).mean() > 0.5:
-        what = f"has panels with the same on both sides (a bulkhead, parts face to face, a plate): {at}; unite its parts"
+        what = f"has a bulkhead, a plate, or parts face to face: {at} have the same on both sides; unite its parts"
     elif within.any():
-        what = f"has parts that overlap: {at} lie inside another part; unite the parts (a Boolean union) and export anew"
+        what = f"has parts that overlap: {at} lie inside another; unite the parts (a Boolean union) and export anew"
     elif (inner - outer >= 2).mean() > 0.5:
         what = f"has panels twice: {at} lie on others; delete the doubles (or unite parts that overlap)"
     else:
@@ -435,11 +475,11 @@ def _check_inside(surface: WettedSurface, part: Whole, allowed: float, name: str
     raise ConfigError(f"{name}: {what}")
 
 
-def _uneven(panels: Array, planes: tuple[int, ...], size: float) -> tuple[float, float, float]:
-    """Share of a skin that differs between port and starboard of y = 0, the y of its own centreplane (m), and the share
+def _uneven(surface: WettedSurface) -> tuple[float, float, float]:
+    """Share of a hull that differs between port and starboard of y = 0, the y of its own centreplane (m), and the share
     about that.
     """
-    triangles = _triangles(WettedSurface(panels, planes).whole)
+    triangles = _triangles(surface.whole)
     low, high = triangles.reshape(-1, 3).min(axis=0), triangles.reshape(-1, 3).max(axis=0)
     x, z = ((np.arange(n) + PLACES[0, k]) / n for k, n in enumerate(SECTIONS))
     grid = np.stack(np.meshgrid(x, [0.0], z, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -458,19 +498,23 @@ def _uneven(panels: Array, planes: tuple[int, ...], size: float) -> tuple[float,
 
 def _check_even(surface: WettedSurface, panels: Array, name: str, size: float) -> None:
     """Require port and starboard to be alike."""
-    off, middle, about = _uneven(surface.panels, surface.planes, size)
+    off, middle, about = _uneven(surface)
     if off <= UNEVEN:
         if off > SAID:
             print(f"{name}: port and starboard differ by {100 * off:.2g} % of the hull")
         return
     y = surface.whole[..., Y]
     spread = f"y from {y.min():.4g} to {y.max():.4g} m"
-    if _upside(panels):
+    if about > UNEVEN and _upside(panels):
         what = f"is not alike to port and starboard, but is about z: its y is up ({spread}); turn it so that z is up"
     elif about <= UNEVEN:
-        what = f"lies off the centreplane: {spread}, its own middle at y = {middle:.4g} m; move it by {-middle:.4g} m in y"
-        if min(abs(y.min()), abs(y.max())) < DRY * size:
+        what = f"lies off the centreplane: {spread}, its own at y = {middle:.4g} m; move it by {-middle:.4g} m in y"
+        if _upside(panels):
+            what += "; or is its y up?"
+        elif min(abs(y.min()), abs(y.max())) < DRY * size:
             what += " (the origin of a drawing at a corner), or, if it is one half of a hull, delete its face in y = 0"
+        elif y.min() * y.max() > 0:
+            what += ", or, if it is one of two hulls, give both"
     elif min(abs(y.min()), abs(y.max())) < DRY * size:
         what = f"is one half of a hull ({spread}) with a face in y = 0: delete that face, and the half is mirrored"
     else:
@@ -482,12 +526,9 @@ def _check_even(surface: WettedSurface, panels: Array, name: str, size: float) -
 
 
 def _upside(panels: Array) -> bool:
-    """Whether a mesh has equal sides along z, but not along y, as one does whose y is up."""
+    """Whether a mesh has equal sides along z, and is wider along it than along y, as one is whose y is up."""
     size = float(np.ptp(panels.reshape(-1, 3), axis=0).max())
-    y, z = panels[..., Y], panels[..., Z]
-    if abs(z.min() + z.max()) > ALIKE * size or not _alike(panels, size, Z):
-        return False
-    return not _alike(panels - [0.0, (y.min() + y.max()) / 2, 0.0], size, Y)
+    return bool(np.ptp(panels[..., Z]) > np.ptp(panels[..., Y])) and _alike(panels, size, Z)
 
 
 def _alike(panels: Array, size: float, axis: int = Y) -> bool:
