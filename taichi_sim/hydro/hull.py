@@ -129,8 +129,8 @@ def of_mesh(
         shape = offsets(surface, *table)
     except ValueError:  # a section without water or with a hole, half-breadths below 0
         raise ConfigError(
-            f"{name}: no table of offsets can be made of it: a table holds one hull or two alike, without a hole; write "
-            "a vehicle file with its [hull], and give this mesh as --mesh"
+            f"{name}: no table of offsets can be made of it: a table holds one hull or two alike, without a hole; "
+            "write a vehicle file with its [hull], and give this mesh as --mesh"
         ) from None
     M = rigid_body_mass(mass, cg, mass * np.diag(np.square(np.array(gyration))))
     return FloatingHull(name, mesh(shape), mass, cg, np.asarray(M, dtype=float), shape)

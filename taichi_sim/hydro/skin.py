@@ -274,7 +274,7 @@ def _opening(places: Array, panels: Array, size: float) -> str:
         sides |= bare & (np.abs(places - end).max(axis=0) < DRY * size)
     if sides[Y]:
         hint = "; or is its y up?" if _upside(panels) else ""
-        return f"all lie in y = {places[:, Y].mean():.4g} m: a half hull must be moved so that it is open at y = 0{hint}"
+        return f"all lie in y = {places[:, Y].mean():.4g} m: move the half so that it is open at y = 0{hint}"
     if sides[X]:
         return f"all lie in x = {places[:, X].mean():.4g} m: half a hull; mirror it, or let its GDF declare ISX = 1"
     if sides[Z]:
@@ -483,17 +483,22 @@ def _uneven(surface: WettedSurface) -> tuple[float, float, float]:
     low, high = triangles.reshape(-1, 3).min(axis=0), triangles.reshape(-1, 3).max(axis=0)
     x, z = ((np.arange(n) + PLACES[0, k]) / n for k, n in enumerate(SECTIONS))
     grid = np.stack(np.meshgrid(x, [0.0], z, indexing="ij"), axis=-1).reshape(-1, 3)
-    line, y, _ = _crossings(triangles, low + grid * (high - low), Y)
+    line, y, step = _crossings(triangles, low + grid * (high - low), Y)
+    inside = -float(np.sum(step * y))
     order = np.lexsort((y, line))
-    line, y = line[order], y[order]
-    count = np.bincount(line, minlength=int(np.prod(SECTIONS)))
-    first = np.cumsum(count) - count
-    opposite = y[(2 * first + count - 1)[line] - np.arange(len(y))]
-    inside = float(np.sum(np.where((np.arange(len(y)) - first[line]) % 2, y, -y)))
-    inside = max(inside, 1e-300)
-    middle = float(np.median((y + opposite) / 2)) if len(y) else 0.0
-    about = float(np.abs(y + opposite - 2 * middle).sum()) / 2 / inside
-    return float(np.abs(y + opposite).sum()) / 2 / inside, middle, about
+    first = np.flatnonzero(np.diff(line[order], prepend=-1))
+    last = np.append(first[1:], len(order)) - 1
+    middle = float(np.median(y[order][first] + y[order][last])) / 2 if len(order) else 0.0
+
+    def unlike(image: Array) -> float:
+        """Share of the lines' length in the hull or in its image, but not in both."""
+        # Where a line enters the hull it leaves the image
+        both, at, steps = np.tile(line, 2), np.concatenate([y, image]), np.tile(step, 2)
+        order = np.lexsort((at, both))
+        length = np.diff(at[order], append=0.0) * (np.diff(both[order], append=-1) == 0)
+        return float(np.sum(np.abs(np.cumsum(steps[order])) * length)) / max(2 * inside, 1e-300)
+
+    return unlike(-y), middle, unlike(2 * middle - y)
 
 
 def _check_even(surface: WettedSurface, panels: Array, name: str, size: float) -> None:
