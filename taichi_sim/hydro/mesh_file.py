@@ -118,7 +118,8 @@ def _stl(path: Path, unit: str) -> Polygons:
     data = path.read_bytes()
     count = int(np.frombuffer(data, "<u4", 1, STL_HEADER - 4)[0]) if len(data) >= STL_HEADER else 0
     if count and len(data) == STL_HEADER + STL_TRIANGLE.itemsize * count:
-        corners = np.frombuffer(data, STL_TRIANGLE, count, STL_HEADER)["corners"].astype(float)
+        with np.errstate(invalid="ignore"):  # not a number, which `read` refuses
+            corners = np.frombuffer(data, STL_TRIANGLE, count, STL_HEADER)["corners"].astype(float)
     elif data.lstrip()[:5].lower() == b"solid" and b"\0" not in data:
         corners = _stl_text(data.decode("utf-8", errors="replace"))
     else:

@@ -7,11 +7,12 @@ alike. What lies above water may be open, doubled or missing. Water between hull
 Edges. Corners within MERGE are one. Open edges may meet others along their length (T-junctions), or miss them by at
 most GAP, which is reported. An edge with three panels is the edge of a floor, a bulkhead or a plate.
 
-Inside and outside. A line through a point of each panel, along the axis closest to the panel's normal, crosses the skin
-at known places, and each crossing changes by one how many times a point is inside (the winding number). It must be 0 on
+Inside and outside. A line through a point of a panel, along the axis closest to the panel's normal, crosses the skin at
+known places, and each crossing changes by one how many times a point is inside (the winding number). It must be 0 on
 the outer side of every panel and 1 on its inner side. A part within another (an inner skin, a tank) has 1 and 2, two
-parts face to face have 1 and 1. Parts are turned outward one by one first, so an inner skin is found whichever way its
-normals point.
+parts face to face have 1 and 1. Each panel has one such point and large ones have more, so an overlap is found if it
+covers a panel or a thousandth of the skin. Parts are turned outward one by one first, so an inner skin is found
+whichever way its normals point.
 
 Halves. Open edges in y = 0 make a half hull, declared or not: the other half is its mirror image.
 """
@@ -43,7 +44,10 @@ FULL = 1.02  # volume over waterplane area and draught from which the hull widen
 MANY = 4000  # open edges that are compared with each other
 PAIRS = 1e9  # lines times triangles; of more panels, fewer lines are drawn
 LINES = 200  # that are drawn at once
-PLACES = np.array([(0.47, 0.32, 0.21), (0.23, 0.29, 0.48)])  # points of a panel's triangle through which lines go
+SPREAD = 2000  # points of a skin through which lines go, beside one of each panel; by area
+R2, START = np.array([0.7548777, 0.5698403]), np.array([0.32, 0.21])  # their steps and first place in a triangle
+WARPED = 1e-4  # height of a quadrilateral's corners over its plane, over its size, from which it is warped
+BESIDE = 0.03  # distance of a second point, over that of the first from the middle
 SECTIONS = 47, 11  # lines across the hull along its length and depth, by which port and starboard are compared
 CAUSES = 40  # open edges that are looked at to tell a floor from a hole
 
@@ -286,10 +290,7 @@ def _ending_on_panels(sheet: _Sheet, loose: Whole, size: float) -> bool:
     """Whether most of the open edges lie on panels that do not have them."""
     if not len(loose):
         return False
-    triangles = _triangles(sheet.panels)
-    owner = np.tile(np.arange(len(sheet.panels)), 2)
-    own_area = (np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) != 0).any(axis=1)
-    triangles, owner = triangles[own_area], owner[own_area]
+    triangles, owner = _triangles(sheet.panels)
     a, u, v = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     normal = np.cross(u, v)
     area = (normal**2).sum(axis=1)
@@ -342,9 +343,9 @@ def _outward(sheet: _Sheet, name: str) -> tuple[Array, Whole]:
                     raise ConfigError(f"{name}: its surface has only one side: normals cannot be made consistent")
         parts += 1
     panels = np.where(turn[:, None, None], reverse(sheet.panels), sheet.panels)
-    triangles = _triangles(panels)
+    triangles, owner = _triangles(panels)
     upward = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])[:, Z] / 2
-    volume = np.bincount(np.tile(part, 2), triangles[..., Z].mean(axis=1) * upward)
+    volume = np.bincount(part[owner], triangles[..., Z].mean(axis=1) * upward, parts)
     inward = (volume < 0)[part]
     turned = turn ^ inward
     if turned.all():
@@ -365,9 +366,24 @@ def _check_volumes(surface: WettedSurface, name: str) -> None:
         )
 
 
-def _triangles(panels: Array) -> Array:
-    """Triangles [2 n, 3, 3] of panels; of a triangle the second has no area."""
-    return np.concatenate([panels[:, [0, 1, 2]], panels[:, [0, 2, 3]]])
+def _triangles(panels: Array) -> tuple[Array, Whole]:
+    """Triangles [m, 3, 3] of panels, without those of no area, and the panel [m] of each.
+
+    A warped quadrilateral has four, around its middle: with two, sides that meet in a sharp stem would cross.
+    """
+    a, b, c, d = np.moveaxis(panels, 1, 0)
+    normal = area_vectors(panels)
+    high = np.abs(((c - a) * normal).sum(axis=1) - ((b - a) * normal).sum(axis=1))
+    warped = high > WARPED * np.linalg.norm(normal, axis=1) ** 1.5
+    middle = panels.mean(axis=1)
+    number = np.arange(len(panels))
+    flat = number[~warped]
+    found = [panels[flat][:, [0, 1, 2]], panels[flat][:, [0, 2, 3]]]
+    found += [np.stack([p, q, middle], axis=1)[warped] for p, q in ((a, b), (b, c), (c, d), (d, a))]
+    triangles = np.concatenate(found)
+    owner = np.concatenate([flat, flat, *[number[warped]] * 4])
+    kept = (np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) != 0).any(axis=1)
+    return triangles[kept], owner[kept]
 
 
 class _Crossings(NamedTuple):
@@ -419,50 +435,81 @@ def _left(p: Array, q: Array, at: Array) -> NDArray[np.bool_]:
     return (side >= 0) ^ swap
 
 
-def _windings(surface: WettedSurface, chosen: Whole, place: Array, size: float) -> Whole:
-    """How many times [n, 2] the outer and the inner side of the chosen panels are inside the hull."""
-    triangles = _triangles(surface.whole)
-    own = _triangles(surface.panels[chosen])
-    area = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0])
-    n = len(chosen)
-    larger = np.where(np.linalg.norm(area[:n], axis=1) >= np.linalg.norm(area[n:], axis=1), 0, n) + np.arange(n)
-    points, area = place @ own[larger], area[larger]
-    along = np.abs(area).argmax(axis=1)
-    found = np.zeros((n, 2), dtype=np.int64)
+class _Samples(NamedTuple):
+    """Points of a skin: one of each panel, and more of large ones."""
+
+    panel: Whole  # [s]
+    points: Array  # [s, 3]
+    inward: Array  # [s, 3]: towards the middle of the panel's triangle
+    normal: Array  # [s, 3]
+    area: Array  # [s], m^2: of the panel, for each of its points
+
+    @classmethod
+    def of(cls, panels: Array) -> "_Samples":
+        """Points that spread evenly over each triangle (the additive recurrence R2, folded)."""
+        triangles, owner = _triangles(panels)
+        normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        area = np.linalg.norm(normal, axis=1) / 2
+        order = np.lexsort((area, owner))
+        largest = order[np.flatnonzero(np.diff(owner[order], append=-1))]
+        count = np.floor(area * SPREAD / area.sum()).astype(np.int64)
+        count[largest] += 1
+        which = np.repeat(np.arange(len(triangles)), count)
+        k = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+        u, v = (START + np.outer(k, R2)).T % 1.0
+        folded = u + v > 1
+        u, v = np.where(folded, 1 - u, u), np.where(folded, 1 - v, v)
+        a, b, c = np.moveaxis(triangles[which], 1, 0)
+        points = a + u[:, None] * (b - a) + v[:, None] * (c - a)
+        return cls(owner[which], points, (a + b + c) / 3 - points, normal[which], (area / np.maximum(count, 1))[which])
+
+    def at(self, chosen: Whole) -> "_Samples":
+        """Those with these numbers."""
+        return _Samples(*(values[chosen] for values in self))
+
+
+def _windings(surface: WettedSurface, samples: _Samples, size: float) -> Whole:
+    """How many times [s, 2] the outer and the inner side of a skin are inside the hull, at its samples."""
+    triangles, _ = _triangles(surface.whole)
+    along = np.abs(samples.normal).argmax(axis=1)
+    found = np.zeros((len(along), 2), dtype=np.int64)
     for axis in range(3):
         mine = np.flatnonzero(along == axis)
         if not len(mine):
             continue
-        line, at, step = _crossings(triangles, points[mine], axis)
-        here = points[mine, axis][line]
+        line, at, step = _crossings(triangles, samples.points[mine], axis)
+        here = samples.points[mine, axis][line]
         before = np.bincount(line[at < here - TIE * size], step[at < here - TIE * size], len(mine))
         after = np.bincount(line[at <= here + TIE * size], step[at <= here + TIE * size], len(mine))
-        outside_first = (area[mine, axis] < 0)[:, None]
+        outside_first = (samples.normal[mine, axis] < 0)[:, None]
         found[mine] = np.where(outside_first, np.stack([before, after], 1), np.stack([after, before], 1))
     return found
 
 
 def _check_inside(surface: WettedSurface, part: Whole, allowed: float, name: str, size: float) -> None:
-    """Require every panel to have water on its outer side and hull on its inner side, but for a share of the area."""
-    lines = int(max(1, PAIRS / (2 * len(surface.whole))))
-    step = -(-len(surface) // lines)
-    looked = np.arange(0, len(surface), step)
-    if step > 1:
-        print(f"{name}: one of {step} panels looked at for parts that overlap")
-    sides = _windings(surface, looked, PLACES[0], size)
-    chosen = looked[(sides != (0, 1)).any(axis=1)]
-    if len(chosen):
-        sides = _windings(surface, chosen, PLACES[1], size)
-        wrong = (sides != (0, 1)).any(axis=1)
-        chosen, sides = chosen[wrong], sides[wrong]
-    area = np.linalg.norm(area_vectors(surface.panels), axis=1)
-    if not len(chosen) or step * area[chosen].sum() <= allowed * area.sum():
-        return
+    """Require every panel to have water on its outer side and hull on its inner side, but for a share of the area.
+
+    Where a point seems wrong, another beside it must, too: a line may slip through where panels were joined.
+    """
+    samples = _Samples.of(surface.panels)
+    every = int(np.ceil(len(samples.panel) * 2 * len(surface.whole) / PAIRS))
+    if every > 1:
+        print(f"{name}: one of {every} panels looked at for parts that overlap")
+    samples = samples.at(np.arange(0, len(samples.panel), every))
+    all_parts = part[samples.panel]
+    total = samples.area.sum()
+    for moved in (0.0, BESIDE):
+        samples = samples._replace(points=samples.points + moved * samples.inward)
+        sides = _windings(surface, samples, size)
+        wrong = np.flatnonzero((sides != (0, 1)).any(axis=1))
+        samples, sides = samples.at(wrong), sides[wrong]
+        if not len(wrong) or samples.area.sum() <= allowed * total:
+            return
     outer, inner = sides.T
     within = (outer >= 1) & (inner > outer)
-    at = f"{len(chosen)} panels {_where(surface.panels[chosen])}"
-    parts = np.unique(part[chosen[within]])
-    if any(np.isin(looked[part[looked] == k], chosen[within]).all() for k in parts):
+    at = f"{len(np.unique(samples.panel))} panels {_where(samples.points)}"
+    nested = np.bincount(part[samples.panel[within]], minlength=all_parts.max() + 1) == np.bincount(all_parts)
+    if nested[part[samples.panel[within]]].any():
         what = f"has an inner skin (of a wall, or a tank): {at} lie inside another part; keep the outer skin"
     elif (outer == inner).mean() > 0.5:
         what = f"has a bulkhead, a plate, or parts face to face: {at} have the same on both sides; unite its parts"
@@ -479,9 +526,9 @@ def _uneven(surface: WettedSurface) -> tuple[float, float, float]:
     """Share of a hull that differs between port and starboard of y = 0, the y of its own centreplane (m), and the share
     about that.
     """
-    triangles = _triangles(surface.whole)
+    triangles, _ = _triangles(surface.whole)
     low, high = triangles.reshape(-1, 3).min(axis=0), triangles.reshape(-1, 3).max(axis=0)
-    x, z = ((np.arange(n) + PLACES[0, k]) / n for k, n in enumerate(SECTIONS))
+    x, z = ((np.arange(n) + START[k]) / n for k, n in enumerate(SECTIONS))
     grid = np.stack(np.meshgrid(x, [0.0], z, indexing="ij"), axis=-1).reshape(-1, 3)
     line, y, step = _crossings(triangles, low + grid * (high - low), Y)
     inside = -float(np.sum(step * y))
