@@ -35,7 +35,7 @@ HEADING_STEPS, MORE_ORDERS = (15.0, 10.0, 7.5, 5.0), 2.0  # deg; harmonics of lo
 GAP_DAMPING = 0.03  # epsilon of the damping lid; assumed (docs/hydrodynamics.md)
 # Tolerated relative differences of the simulator's panels from a mesh (LCB: over the length); assumed. A metacentric
 # height is a small difference of large lengths.
-OFF = {"volume": 0.02, "waterplane": 0.02, "waterplane Ixx": 0.05, "waterplane Iyy": 0.05, "LCB": 0.01,
+OFF = {"volume": 0.02, "waterplane": 0.02, "waterplane Ixx": 0.05, "waterplane Iyy": 0.05, "LCB": 0.005,
        "KB below water": 0.05, "GM_T": 0.2, "GM_L": 0.2}  # fmt: skip
 
 
