@@ -11,7 +11,7 @@ import pytest
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder
 from taichi_sim.hydro import hull as hulls
-from taichi_sim.hydro.compute import ABOVE, BELOW, spikes
+from taichi_sim.hydro.compute import ABOVE, BELOW, Spectrum, Wishes, run, spikes
 from taichi_sim.hydro.offsets import compared, offsets
 from taichi_sim.hydro.panels import wetted
 from taichi_sim.hydro.surface import TURN, WettedSurface, mirrored, reverse, turned_matrix
@@ -204,17 +204,166 @@ def test_a_mesh_is_cut_at_the_water_and_halved(tmp_path):
     assert found.planes == (1,)
 
 
+def test_a_gdf_keeps_its_size_whatever_its_output_is_scaled_by(tmp_path, capsys):
+    """WAMIT: ULEN only makes output dimensionless, and is of the unit of GRAV."""
+    file = gdf(tmp_path, closed_box())
+    text = file.read_text()
+    file.write_text(text.replace("1.0 9.81", "4.0 9.80665"))
+    assert hulls.read_mesh(file, "m", 0.0, None, None).volume == pytest.approx(4.0)
+    file.write_text(text.replace("1.0 9.81", "4.0 32.174"))
+    assert hulls.read_mesh(file, "m", 0.0, None, None).volume == pytest.approx(4.0 * 0.3048**3)
+    assert "means feet" in capsys.readouterr().out
+    file.write_text(text.replace("1.0 9.81", "4.0 1.0"))
+    with pytest.raises(ConfigError, match="GRAV = 1 "):
+        hulls.read_mesh(file, "m", 0.0, None, None)
+
+
+def test_a_quarter_is_completed_about_its_own_planes(tmp_path):
+    """x of a quarter runs from 0; its plane of symmetry, not its middle, is amidships, or where --midships is not."""
+    panels = closed_box()
+    quarter = panels[(panels[..., :2] > -1e-9).all(axis=(1, 2))]
+    file = gdf(tmp_path, quarter)
+    file.write_text(file.read_text().replace("\n0 0\n", "\n1 1\n"))
+    for midships in (None, 0.5):
+        found = hulls.read_mesh(file, "m", 0.0, midships, None)
+        assert found.volume == pytest.approx(4.0) and np.ptp(found.whole[..., 0]) == pytest.approx(4.0)
+        assert found.centre_of_buoyancy == pytest.approx([-(midships or 0.0), 0.0, -0.25])
+
+
+def brick(x, y, z=(-0.3, 0.3), n=(8, 4, 3), without=()) -> np.ndarray:
+    """Panels of a box between two x, y and z, divided n times, without some sides ("-x", "+y" ...)."""
+    at = [np.linspace(*ends, count + 1) for ends, count in zip((x, y, z), n, strict=True)]
+    found = []
+    for axis in range(3):
+        u, v = [a for a in range(3) if a != axis]
+        points = np.zeros((n[u] + 1, n[v] + 1, 3))
+        points[..., u], points[..., v] = np.meshgrid(at[u], at[v], indexing="ij")
+        for sign, end in (("-", 0), ("+", -1)):
+            if f"{sign}{'xyz'[axis]}" in without:
+                continue
+            points[..., axis] = at[axis][end]
+            own = np.stack([points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]], axis=2)
+            outward = (sign == "+") == (axis != 1)  # x cross z is -y
+            found.append(own.reshape(-1, 4, 3) if outward else reverse(own.reshape(-1, 4, 3)))
+    return np.concatenate(found)
+
+
+def bottom(z: float) -> np.ndarray:
+    """A bottom or floor whose panels are not those of the sides."""
+    return brick((-2, 2), (-0.6, 0.6), (z, 0.3), n=(5, 7, 2), without=("-x", "+x", "-y", "+y", "+z"))
+
+
+def stl(folder: Path, panels: np.ndarray) -> Path:
+    file = folder / "mesh.stl"
+    rows = [f"vertex {' '.join(f'{v:.6f}' for v in p)}" for q in panels[:, [0, 1, 2, 0, 2, 3]] for p in q]
+    facets = "\n".join(
+        "\n".join(["facet normal 0 0 0", "outer loop", *rows[k : k + 3], "endloop", "endfacet"])
+        for k in range(0, len(rows), 3)
+    )
+    file.write_text(f"solid mesh\n{facets}\nendsolid mesh\n")
+    return file
+
+
+HULL, X, Y = brick((-2, 2), (-0.6, 0.6)), (-2, 2), (-0.6, 0.6)
+TWIN = np.concatenate([brick(X, (0.5, 0.9)), brick(X, (-0.9, -0.5))])
+OUTSIDE = ~((np.abs(HULL.mean(axis=1)[:, :2]) < [0.5, 0.3]).all(axis=1))
+WELL = np.concatenate([HULL[OUTSIDE], reverse(brick((-0.5, 0.5), (-0.3, 0.3), n=(2, 2, 3), without=("-z", "+z")))])
+
+
+@pytest.mark.parametrize(
+    ("panels", "volume"),
+    [
+        (HULL, 1.44),
+        (brick(X, Y, without=("+z",)), 1.44),
+        (reverse(HULL), 1.44),
+        (brick(X, (0.0, 0.6), without=("-y",)), 1.44),
+        (brick(X, (-0.6, 0.0), without=("+y",)), 1.44),
+        (np.concatenate([brick(X, Y, without=("-z",)), bottom(-0.3)]), 1.44),
+        (TWIN, 0.96),
+        (np.concatenate([TWIN, brick((-1, 1), (-0.9, 0.9), (0.25, 0.4))]), 0.96),
+        (WELL, 1.44 - 1.0 * 0.6 * 0.3),
+    ],
+    ids=["whole", "open deck", "inward", "port", "starboard", "T-junctions", "twin", "deck", "moonpool"],
+)
+def test_one_skin_about_the_centreplane_passes(tmp_path, panels, volume):
+    """Boxes of draught 0.3: volume is area times draught, KB half of it, whatever stands above the water."""
+    found = hulls.read_mesh(stl(tmp_path, panels), "m", 0.0, None, None)
+    assert found.volume == pytest.approx(volume, rel=1e-5) and found.planes == (1,)
+    assert found.waterplane["A"] == pytest.approx(volume / 0.3, rel=1e-5)
+    assert found.centre_of_buoyancy == pytest.approx([0.0, 0.0, -0.15], abs=1e-6)
+
+
 @pytest.mark.parametrize(
     ("panels", "says"),
     [
         (closed_box(1000.0), "is it in millimetres"),
+        (closed_box(0.01), "is it in another unit"),
         (closed_box(dz=3.0), "lies above the water"),
         (np.delete(closed_box(), 2, axis=0), "has holes below the water"),
+        (HULL + [0.0, 0.6, 0.0], "y from 0 to 1.2 m, its own at y = 0.6 m; move it by -0.6 m in y"),
+        (HULL + [0.0, 0.02, 0.0], "move it by -0.02 m in y"),
+        (brick(X, (0.1, 0.6), without=("-y",)), "move the half so that it is open at y = 0"),
+        (np.concatenate([HULL, brick((-1, 1), (0.9, 1.1))]), "not alike to port and starboard: they differ by 7.[5-9]"),
+        (brick(X, (-0.3, 0.2), (-0.6, 0.6), without=("+y",)), "or is its y up"),
+        (brick(X, Y, without=("-z",)), "its z points down"),
+        (np.concatenate([brick((-2, 0.5), Y), brick((-0.5, 2), Y)]), "overlap"),
+        (np.concatenate([brick((-2, 0.5), Y, n=(1, 1, 1)), brick((0.49, 2), Y, n=(1, 1, 1))]), "parts that overlap"),
+        (np.concatenate([HULL, reverse(brick((-1.9, 1.9), (-0.5, 0.5), (-0.2, 0.25)))]), "has an inner skin"),
+        (np.concatenate([HULL, brick((-1, 1), (-0.3, 0.3), (-0.25, -0.1))]), "has an inner skin"),
+        (np.concatenate([HULL, brick((-2, 0), Y, without=("-x", "-y", "+y", "-z", "+z"))]), "inside .a bulkhead"),
+        (np.concatenate([HULL, bottom(-0.13)]), "has a panel inside .a bulkhead"),
+        (np.concatenate([brick((-2, 0), Y), brick((0, 2), Y)]), "panels twice"),
+        (np.concatenate([brick((-2, 0), Y), brick((0, 2), Y, n=(3, 5, 2))]), "has a bulkhead, a plate, or parts face"),
+        (np.concatenate([HULL, HULL[:1]]), "panels twice"),
+        (np.concatenate([HULL, HULL + 1e-5]), "has panels twice"),
     ],
 )
 def test_a_mesh_that_is_no_hull_is_refused(tmp_path, panels, says):
     with pytest.raises(ConfigError, match=says):
         hulls.read_mesh(gdf(tmp_path, panels), "m", 0.0, None, None)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda text: text[: len(text) // 2], "truncated|expected"),
+        (lambda text: text.replace("endsolid mesh\n", ""), "truncated"),
+        (lambda text: text.replace("vertex", "vertx", 1), "line 4 is 'vertx"),
+        (lambda text: text.replace("0.600000", "nan", 1), "not a finite number"),
+    ],
+)
+def test_a_damaged_mesh_is_refused(tmp_path, change, says):
+    file = stl(tmp_path, HULL)
+    file.write_text(change(file.read_text()))
+    with pytest.raises(ConfigError, match=f"mesh.stl.*({says})"):
+        hulls.read_mesh(file, "m", 0.0, None, None)
+
+
+def test_an_obj_is_read_as_others_read_it(tmp_path):
+    """Numbers that count back, texture and normals beside them, polygons of many corners, several objects."""
+    file = tmp_path / "mesh.obj"
+    hexagon = [(2 * np.cos(a), np.sin(a)) for a in np.arange(6) * np.pi / 3]
+    rows = [f"v {x:.9f} {y:.9f} {z} 1.0" for z in (-0.3, 0.3) for x, y in hexagon]
+    sides = [f"f {i + 1} {(i + 1) % 6 + 1} {(i + 1) % 6 + 7}/1/1 {i + 7}//1" for i in range(6)]
+    file.write_text("\n".join(["o a", *rows, "vn 0 0 1", "s off", "f 6 5 4 3 2 1", "f -6 -5 -4 -3 -2 -1", *sides]))
+    found = hulls.read_mesh(file, "m", 0.0, None, None)
+    assert found.volume == pytest.approx(0.3 * 2 * 3 * np.sqrt(3) / 2, rel=1e-5)
+    file.write_text(file.read_text().replace("f 6 5", "f 60 5"))
+    with pytest.raises(ConfigError, match="line 16 is 'f 60 5"):
+        hulls.read_mesh(file, "m", 0.0, None, None)
+
+
+def test_offsets_that_are_not_the_meshs_hull_are_refused(tmp_path):
+    """A trimaran: offsets hold one hull or two, so their GM is 20 % off."""
+    one = (1, 1, 1)
+    parts = [brick(X, Y, n=one), *(brick((-1, 1), y, (-0.1, 0.3), one) for y in ((0.9, 1.1), (-1.1, -0.9)))]
+    surface = hulls.read_mesh(stl(tmp_path, np.concatenate(parts)), "m", 0.0, None, None)
+    craft = hulls.of_mesh(surface, "trimaran", None, None, None, (4, 3, 0.3))
+    wishes = Wishes(RHO, G, np.inf, 100, 0, None, True, "direct", Spectrum(None, None, (), None), 1, True)
+    with pytest.raises(ConfigError, match="not the mesh's hull: waterplane Ixx, m.4: .*give this mesh as --mesh"):
+        run(craft, surface, wishes, "", "")
+    with pytest.raises(ConfigError, match="no table of offsets can be made"):
+        hulls.of_mesh(hulls.read_mesh(stl(tmp_path, WELL), "m", 0.0, None, None), "well", None, None, None, (9, 3, 0.3))
 
 
 def test_normals_are_mended(tmp_path, capsys):

@@ -7,9 +7,9 @@
     python tools/hydrodynamics.py fpso --mesh fpso_half_hull_panels.csv
 
 HULL is a vehicle file of the model hull_6dof (or the name of a shipped one), or a mesh: STL, OBJ, PLY, GDF, or another
-format of meshio, x forward, y to port, z up. NAME.hydro.json is written beside the vehicle file. For a mesh alone the
-tool also writes NAME.toml, a vehicle with the mesh's offsets. It needs the extra `bem` (capytaine). More:
-docs/hydrodynamics.md.
+format of meshio, x forward, y to port, z up; one closed hull, or its half. NAME.hydro.json is written beside the
+vehicle file. For a mesh alone the tool also writes NAME.toml, a vehicle with the mesh's offsets. It needs the extra
+`bem` (capytaine). More: docs/hydrodynamics.md.
 
 Exit status: 0 done, 1 bad input, 130 interrupted.
 """

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from taichi_sim.config import ConfigError
 from taichi_sim.hydro.hull import FloatingHull, check_floating, divided
-from taichi_sim.hydro.mesh_file import refined
 from taichi_sim.hydro.offsets import compared
-from taichi_sim.hydro.panels import gap_lid, inner_lid, wetted
+from taichi_sim.hydro.panels import gap_lid, inner_lid, refined, wetted
 from taichi_sim.hydro.problem import Tank, solve
 from taichi_sim.hydro.run import Floating, database, solve_all
 from taichi_sim.hydro.surface import PLANES, WettedSurface, X, turned_matrix
@@ -34,7 +33,10 @@ GAP_SIZE = 2.0  # panel size of the damping lid over that of the hull
 COUNT, COUNT_TWIN = 50, 90  # frequencies of a single and of a twin hull, where the water resonates sharply
 HEADING_STEPS, MORE_ORDERS = (15.0, 10.0, 7.5, 5.0), 2.0  # deg; harmonics of loads over headings beyond k L / 2
 GAP_DAMPING = 0.03  # epsilon of the damping lid; assumed (docs/hydrodynamics.md)
-OFF = 0.005  # tolerated relative difference of a mesh from the simulator's panels in volume and waterplane
+# Tolerated relative differences of the simulator's panels from a mesh (LCB: over the length); assumed. A metacentric
+# height is a small difference of large lengths.
+OFF = {"volume": 0.02, "waterplane": 0.02, "waterplane Ixx": 0.05, "waterplane Iyy": 0.05, "LCB": 0.005,
+       "KB below water": 0.05, "GM_T": 0.2, "GM_L": 0.2}  # fmt: skip
 
 
 class Resonances(NamedTuple):
@@ -162,20 +164,40 @@ def _surface(craft: FloatingHull, mesh: WettedSurface | None, wishes: Wishes) ->
         tiny = 0.01 * float(np.ptp(craft.panels.centre, axis=0).max())
         found = wetted(craft.panels, tiny, wishes.divisions)
         return found, float(np.median(found.edge))
-    print(f"{'':24}{'offsets':>14}{'mesh':>14}{'off':>10}")
-    for name, (ours, theirs) in compared(craft.panels, mesh, craft.mass, craft.cg_z_up, wishes.rho, wishes.g).items():
-        scale = np.ptp(mesh.whole[..., X]) if name.startswith("LCB") else theirs
-        off = (ours - theirs) / scale
-        print(f"{name:24}{ours:14.6g}{theirs:14.6g}{100 * off:9.2f} %{' of the length' * name.startswith('LCB')}")
-        if abs(off) > 4 * OFF and name.startswith(("volume", "waterplane, ")):
-            raise ConfigError(
-                f"the mesh is not of {craft.name}: {name}: {theirs:.6g} of the mesh, {ours:.6g} of the panels"
-            )
+    _check_same(craft, mesh, wishes)
     if len(mesh) < wishes.panels / 2:
         mesh = refined(mesh, float(np.sqrt(np.linalg.norm(mesh.area, axis=1).sum() / 2 / wishes.panels)))
     if len(mesh) > MOST:
         raise ConfigError(f"the mesh has {len(mesh)} panels below water; allowed are {MOST}: coarsen it, or omit it")
     return mesh, float(np.median(mesh.edge))
+
+
+def _check_same(craft: FloatingHull, mesh: WettedSurface, wishes: Wishes) -> None:
+    """Print how the simulator's panels differ from the mesh, and refuse more than OFF."""
+    print(f"{'':24}{'offsets':>14}{'mesh':>14}{'off':>10}")
+    length = np.ptp(mesh.whole[..., X])
+    wrong = []
+    for name, (ours, theirs) in compared(craft.panels, mesh, craft.mass, craft.cg_z_up, wishes.rho, wishes.g).items():
+        off = (ours - theirs) / (length if name.startswith("LCB") else abs(theirs))
+        print(f"{name:24}{ours:14.6g}{theirs:14.6g}{100 * off:9.2f} %{' of the length' * name.startswith('LCB')}")
+        allowed = OFF[name.split(",")[0]]
+        if not abs(off) <= allowed:
+            wrong.append(f"{name}: {ours:.4g} of the panels, {theirs:.4g} of the mesh (allowed: {100 * allowed:g} %)")
+    if not wrong:
+        return
+    if craft.shape is not None:
+        raise ConfigError(
+            f"{craft.name}: its table of offsets is not the mesh's hull: {'; '.join(wrong)}. Raise --points or "
+            "--stations; a table holds one hull or two alike, so of any other write a vehicle file with its [hull] and "
+            "give this mesh as --mesh"
+        )
+    turned = WettedSurface(mesh.whole * [-1.0, 1.0, 1.0])
+    LCB = [side.centre_of_buoyancy[0] for side in (wetted(craft.panels, length), mesh, turned)]
+    exchanged = abs(LCB[2] - LCB[0]) < abs(LCB[1] - LCB[0]) / 2
+    hint = "are bow and stern exchanged (x points forward)? " if exchanged else ""
+    raise ConfigError(
+        f"the mesh is not of {craft.name}: {'; '.join(wrong)}; {hint}check --unit, --waterline and --midships"
+    )
 
 
 def _resonances(craft: FloatingHull, floating: Floating, wishes: Wishes) -> Resonances:

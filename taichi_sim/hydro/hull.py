@@ -10,10 +10,10 @@ from pydantic import TypeAdapter
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder, read_toml, validate, with_tuples
 from taichi_sim.conventions import RHO_SEA
-from taichi_sim.hydro import mesh_file
+from taichi_sim.hydro import mesh_file, skin
 from taichi_sim.hydro.offsets import offsets
 from taichi_sim.hydro.panels import Z_UP, wetted
-from taichi_sim.hydro.surface import WettedSurface, X, Z
+from taichi_sim.hydro.surface import WettedSurface, X, mirrored
 from taichi_sim.kernels.rigid_body import rigid_body_mass
 from taichi_sim.usv.hull.database import SUFFIX, HydroDatabase
 from taichi_sim.usv.hull.hydrostatics import Hydrostatics
@@ -92,13 +92,17 @@ def read_mesh(path: Path, unit: str, waterline: float, midships: float | None, l
     """Read the wetted surface of a mesh file and move it to CO.
 
     `waterline` and `midships` are z and x of CO in the mesh (m); without `midships`, the middle of the mesh.
+
+    Raises:
+        ConfigError: if the file cannot be read, or is no hull (mesh_file.py, skin.py).
     """
-    found = mesh_file.read(path, unit)
-    panels = found.panels.copy()
+    panels, planes = mesh_file.read(path, unit)
+    if X in planes and midships:  # the plane of symmetry is not CO's
+        panels, planes = np.concatenate([panels, mirrored(panels, X)]), tuple(a for a in planes if a != X)
     x = panels[..., X]
-    panels[..., X] -= (x.min() + x.max()) / 2 if midships is None else midships
-    panels[..., Z] -= waterline
-    return mesh_file.checked(mesh_file.Polygons(panels, found.planes), path.name, length)
+    middle = 0.0 if X in planes else (x.min() + x.max()) / 2
+    moved = panels - [middle if midships is None else midships, 0.0, waterline]
+    return skin.checked(mesh_file.Polygons(moved, planes), path.name, length)
 
 
 def of_mesh(
@@ -121,7 +125,13 @@ def of_mesh(
         roll, pitch = (float(f"{r:.4g}") for r in (0.35 * beam, 0.25 * length))
         gyration = roll, pitch, pitch
         print(f"{name}: no --gyration: {gyration} m, 0.35 of the beam and 0.25 of the length")
-    shape = offsets(surface, *table)
+    try:
+        shape = offsets(surface, *table)
+    except ValueError:  # a section without water or with a hole, half-breadths below 0
+        raise ConfigError(
+            f"{name}: no table of offsets can be made of it: a table holds one hull or two alike, without a hole; "
+            "write a vehicle file with its [hull], and give this mesh as --mesh"
+        ) from None
     M = rigid_body_mass(mass, cg, mass * np.diag(np.square(np.array(gyration))))
     return FloatingHull(name, mesh(shape), mass, cg, np.asarray(M, dtype=float), shape)
 
@@ -148,7 +158,7 @@ def check_floating(craft: FloatingHull, surface: WettedSurface, rho: float, g: f
         if GM <= 0:
             raise ConfigError(
                 f"{craft.name}: its {name} metacentric height is {GM:.4g} m: it capsizes; lower the centre of gravity "
-                f"(z = {craft.cg[2]:g} m, positive down), or check mass and unit"
+                f"(z = {craft.cg[2]:g} m, positive down), or check mass, unit and axes (x forward, z up in a mesh)"
             )
     off = craft.mass / displaced - 1
     lines = [

@@ -1,13 +1,15 @@
-"""Reading of a hull's surface from a file, and its preparation for boundary elements: unit, cut, orientation,
-closedness.
+"""Reading of a hull's surface from a file, whole or not at all; skin.py then checks what it is.
 
-Formats are STL, OBJ, PLY, VTK, MSH and others that meshio reads, WAMIT's GDF of flat panels, and CSV of panels with the
-columns x1, y1, z1 ... x4, y4, z4. The frame is x forward, y to port, z up. A GDF of one half declares this (ISX, ISY);
-a CSV of one half has no y below 0.
+Formats are STL (text and binary), OBJ, WAMIT's GDF of flat panels, CSV of panels with the columns x1, y1, z1 ... x4,
+y4, z4, and PLY, VTK, MSH and others that meshio reads. The frame is x forward, y to port, z up. A GDF of one half
+declares this (ISX, ISY); a CSV of one half has no y below 0.
+
+A reader refuses what it does not know: a file that was cut or damaged lacks its end, its count or its words.
+Coordinates of a GDF are dimensional (WAMIT manual, "The geometric data file": ULEN makes output dimensionless, and
+nothing else); their unit is the metre or the foot of its GRAV.
 """
 
 import warnings
-from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,15 +18,22 @@ from numpy.typing import NDArray
 
 from taichi_sim.config import ConfigError
 from taichi_sim.config.base import MissingExtraError
-from taichi_sim.hydro.surface import WettedSurface, Y, Z, area_vectors, as_triangles, reverse
 
 Array = NDArray[np.float64]
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254, "ft": 0.3048}
-LONGEST = 500.0  # m; only a few ships are longer, so the unit is wrong
-MERGE = 1e-6  # tolerance over the mesh's size: closer corners are merged
-OPEN = 2e-3  # tolerated relative difference of volumes by different integrals (panels that meet at T-junctions)
-ALIKE = 1e-3  # tolerance over the mesh's size: corners of port and starboard that are images of each other
-DRY = 1e-4  # tolerance over the mesh's size: corners this close to the water lie in its surface
+GRAVITIES = {"m": 9.80665, "ft": 32.174}  # GRAV of a GDF per unit, unit/s^2
+NEAR = 0.03  # relative difference of a GRAV from these (9.8 and 9.81, 32.2)
+STL_HEADER = 84  # bytes before the first triangle of a binary STL: 80 free, 4 of the count
+STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+FACET = ("facet normal", "outer loop", "vertex", "vertex", "vertex", "endloop", "endfacet")  # lines of a text STL
+OBJ_IGNORED = frozenset(
+    ("vt", "vn", "vp", "g", "o", "s", "mg", "l", "p", "usemtl", "mtllib", "usemap", "maplib", "bevel", "c_interp",
+     "d_interp", "lod", "shadow_obj", "trace_obj")
+)  # fmt: skip  # statements of an OBJ that change no polygon
+LINEAR = {"triangle": 3, "quad": 4}  # cells of meshio that are flat panels
+NO_SURFACE = frozenset(("vertex", "line"))  # cells of meshio without an area
+HALF = 1e-6  # share of a mesh's size by which the y of a half hull may lie below 0
+CONVEX = -1e-9  # a polygon's smallest corner (sine of its turn) from which it is convex
 
 
 class Polygons(NamedTuple):
@@ -38,223 +47,188 @@ def read(path: Path, unit: str = "m") -> Polygons:
     """Read the panels of a file, in m.
 
     Raises:
-        ConfigError: if the file cannot be read or has no surface; the message names it.
+        ConfigError: if the file cannot be read, is not whole or has no surface; the message names it.
         MissingExtraError: if meshio is needed and not installed.
     """
     if not path.is_file():
         raise ConfigError(f"{path}: no such file")
-    readers = {".gdf": _gdf, ".csv": _csv}
+    readers = {".gdf": _gdf, ".csv": _csv, ".stl": _stl, ".obj": _obj}
+    reader = readers.get(path.suffix.lower())
     try:
-        found = readers.get(path.suffix.lower(), _meshio)(path)
+        found = reader(path, unit) if reader else Polygons(UNITS[unit] * _meshio(path), ())
     except (OSError, ValueError, IndexError) as error:
         raise ConfigError(f"{path}: not a readable mesh: {error}") from None
     if not len(found.panels):
         raise ConfigError(f"{path}: holds no panels (triangles or quadrilaterals)")
     if not np.isfinite(found.panels).all():
         raise ConfigError(f"{path}: a corner is not a finite number")
-    return Polygons(found.panels * UNITS[unit], found.planes)
+    return found
 
 
-def _csv(path: Path) -> Polygons:
-    panels = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
-    if panels.shape[1] != 12:
+def _csv(path: Path, unit: str) -> Polygons:
+    first = _text(path).partition("\n")[0].split(",")
+    if all(_is_number(word) for word in first):
+        raise ValueError("its first line holds numbers; expected the header x1,y1,z1 ... x4,y4,z4")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of a file without rows, which `read` refuses
+        panels = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+    if panels.size and panels.shape[1] != 12:
         raise ValueError(f"{panels.shape[1]} columns; expected x1,y1,z1 ... x4,y4,z4")
-    panels = panels.reshape(-1, 4, 3)
-    tiny = MERGE * np.ptp(panels.reshape(-1, 3), axis=0).max()
-    return Polygons(panels, (1,) if panels[..., Y].min() > -tiny else ())
+    panels = UNITS[unit] * panels.reshape(-1, 4, 3)
+    return Polygons(panels, (1,) if panels.size and panels[..., 1].min() > -HALF * np.ptp(panels) else ())
 
 
-def _gdf(path: Path) -> Polygons:
-    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()[1:]
-    scale = float(lines[0].split()[0])
-    is_x, is_y = (int(v) for v in lines[1].split()[:2])
-    first = lines[2].split()
+def _gdf(path: Path, unit: str) -> Polygons:
+    lines = _text(path).splitlines()
+    if len(lines) < 4:
+        raise ValueError("a GDF has a title, ULEN and GRAV, ISX and ISY, the number of panels, and their corners")
+    grav = float(lines[1].split()[1])
+    symmetry = [int(word) for word in lines[2].split()[:2]]
+    if len(symmetry) < 2 or not {0, 1}.issuperset(symmetry):
+        raise ValueError(f"ISX and ISY are {lines[2].split()[:2]}: allowed are 0 (no symmetry) and 1 (symmetry)")
+    first = lines[3].split()
     if len(first) > 1 and first[1].lstrip("-").isdigit() and int(first[1]) != 0:
         raise ValueError("a GDF of higher order (IGDEF not 0); export one of flat panels (WAMIT: ILOWGDF)")
     count = int(first[0])
-    numbers = np.array(" ".join(lines[3:]).split(), dtype=float)
-    if numbers.size < 12 * count:
-        raise ValueError(f"{count} panels announced, numbers for {numbers.size // 12} found: is the file truncated?")
-    planes = tuple(axis for axis, on in ((1, is_y), (0, is_x)) if on == 1)
-    return Polygons(scale * numbers[: 12 * count].reshape(-1, 4, 3), planes)
+    numbers = np.array([_number(word) for word in " ".join(lines[4:]).split()])
+    if count < 1 or numbers.size != 12 * count:
+        raise ValueError(
+            f"{count} panels announced, numbers for {numbers.size / 12:.4g} found: is the file truncated?"
+        )
+    planes = tuple(axis for axis, on in ((1, symmetry[1]), (0, symmetry[0])) if on)
+    return Polygons(UNITS[_gdf_unit(path, grav, unit)] * numbers.reshape(-1, 4, 3), planes)
 
 
-def _meshio(path: Path) -> Polygons:
+def _gdf_unit(path: Path, grav: float, unit: str) -> str:
+    """Unit of a GDF's coordinates: the user's, or feet where GRAV says so."""
+    own = next((name for name, value in GRAVITIES.items() if abs(grav / value - 1) < NEAR), None)
+    if own is None:
+        allowed = ", ".join(f"{value:g} ({name})" for name, value in GRAVITIES.items())
+        raise ValueError(f"GRAV = {grav:g} in its second line says no unit of its coordinates; allowed are {allowed}")
+    if own == "m" or unit == own:
+        return unit
+    if unit != "m":
+        raise ValueError(f"GRAV = {grav:g} in its second line means feet, --unit says {unit}: mend one of them")
+    print(f"{path.name}: GRAV = {grav:g} means feet; coordinates converted to metres")
+    return own
+
+
+def _stl(path: Path, unit: str) -> Polygons:
+    """A binary STL has exactly the size that its count says; any other STL is text."""
+    data = path.read_bytes()
+    count = int(np.frombuffer(data, "<u4", 1, STL_HEADER - 4)[0]) if len(data) >= STL_HEADER else 0
+    if count and len(data) == STL_HEADER + STL_TRIANGLE.itemsize * count:
+        with np.errstate(invalid="ignore"):  # not a number, which `read` refuses
+            corners = np.frombuffer(data, STL_TRIANGLE, count, STL_HEADER)["corners"].astype(float)
+    elif data.lstrip()[:5].lower() == b"solid" and b"\0" not in data:
+        corners = _stl_text(data.decode("utf-8", errors="replace"))
+    else:
+        raise ValueError(
+            f"{len(data)} bytes; a binary STL of the {count} triangles that it announces has "
+            f"{STL_HEADER + STL_TRIANGLE.itemsize * count}, and a text STL begins with 'solid': is the file truncated?"
+        )
+    return Polygons(UNITS[unit] * corners[:, [0, 1, 2, 2]], ())
+
+
+def _stl_text(text: str) -> Array:
+    """Corners [n, 3, 3] of one or more solids, each of them ended."""
+    corners, inside, at = [], False, 0
+    for k, line in enumerate(text.splitlines(), 1):
+        words = line.split()
+        if not words:
+            continue
+        key = words[0].lower()
+        if at == 0 and key == ("endsolid" if inside else "solid"):
+            inside = not inside
+            continue
+        wanted = FACET[at].split()
+        if not inside or [word.lower() for word in words[: len(wanted)]] != wanted:
+            raise ValueError(f"line {k} is {line.strip()[:40]!r}, expected {FACET[at] if inside else 'solid'!r}")
+        if key == "vertex":
+            if len(words) != 4:
+                raise ValueError(f"line {k} is {line.strip()[:40]!r}, expected 'vertex' and three numbers")
+            corners.append([_number(word) for word in words[1:]])
+        at = (at + 1) % len(FACET)
+    if inside:
+        raise ValueError("its end, 'endsolid', is missing: is the file truncated?")
+    return np.array(corners, dtype=float).reshape(-1, 3, 3)
+
+
+def _obj(path: Path, unit: str) -> Polygons:
+    """Vertices (v) and polygons (f) of an OBJ; negative numbers of a polygon count back from the last vertex."""
+    points: list[list[float]] = []
+    polygons: list[list[int]] = []
+    for k, line in enumerate(_text(path).replace("\\\n", " ").splitlines(), 1):
+        key, *words = line.partition("#")[0].split() or ["o"]
+        if key == "v":
+            if len(words) not in (3, 4, 6, 7):  # with a weight, a colour, or both
+                raise ValueError(f"line {k} is {line.strip()[:40]!r}, expected 'v' and three numbers")
+            points.append([_number(word) for word in words[:3]])
+        elif key == "f":
+            number = [int(word.partition("/")[0]) for word in words]
+            number = [n - 1 if n > 0 else len(points) + n for n in number]
+            if len(number) < 3 or not all(0 <= n < len(points) for n in number):
+                raise ValueError(f"line {k} is {line.strip()[:40]!r}: a polygon has three or more vertices of above it")
+            polygons.append(number)
+        elif key not in OBJ_IGNORED:
+            raise ValueError(f"line {k} begins with {key[:40]!r}: not a statement of an OBJ of polygons")
+    if not polygons:
+        return Polygons(np.empty((0, 4, 3)), ())
+    corners = np.array(points)
+    return Polygons(UNITS[unit] * np.concatenate([_fan(corners[number]) for number in polygons]), ())
+
+
+def _fan(corners: Array) -> Array:
+    """Panels [n, 4, 3] of a polygon [m, 3]: itself, or triangles from its first corner."""
+    if len(corners) <= 4:
+        return corners[[0, 1, 2, -1]][None]
+    edge = np.roll(corners, -1, axis=0) - corners
+    edge /= np.maximum(np.linalg.norm(edge, axis=1), 1e-300)[:, None]
+    turns = np.cross(np.roll(edge, 1, axis=0), edge)
+    if (turns @ turns.sum(axis=0)).min() < CONVEX:
+        at = ", ".join(f"{v:.4g}" for v in corners[0])
+        raise ValueError(f"a polygon of {len(corners)} corners at {at} is not convex: triangulate on export")
+    return np.stack([corners[[0, i, i + 1, i + 1]] for i in range(1, len(corners) - 1)])
+
+
+def _meshio(path: Path) -> Array:
+    """Panels [n, 4, 3] of another format."""
     try:
         import meshio
     except ImportError as error:
         raise MissingExtraError("meshio", "bem") from error
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # from a text STL that is first read as a binary one
-            mesh = meshio.read(path)
-    except (meshio.ReadError, SystemExit) as error:
-        raise ValueError(str(error) or "unknown format") from None
-    parts = []
+        mesh = meshio.read(path)
+    except (Exception, SystemExit) as error:  # a damaged file ends in any error of a reader's own
+        raise ValueError(str(error) or f"{type(error).__name__} in meshio: an unknown format, or damaged") from None
+    points = np.asarray(mesh.points, dtype=float)
+    parts = [np.empty((0, 4, 3))]
     for block in mesh.cells:
-        corners = np.asarray(mesh.points, dtype=float)[np.asarray(block.data)]
-        if block.type == "triangle":
-            parts.append(corners[:, [0, 1, 2, 2]])
-        elif block.type == "quad":
-            parts.append(corners)
-    return Polygons(np.concatenate(parts) if parts else np.empty((0, 4, 3)), ())
-
-
-def checked(mesh: Polygons, name: str, length: float | None) -> WettedSurface:
-    """Return the wetted surface of a mesh whose water is z = 0, with outward normals, and print repairs.
-
-    For a mesh whose port and starboard are alike, it is the port half. `length` (m) is the vehicle's, to find a wrong
-    unit.
-
-    Raises:
-        ConfigError: if the mesh is implausibly large, above the water, not closed, or its normals cannot be made
-        consistent.
-    """
-    panels = mesh.panels
-    size = float(np.ptp(panels.reshape(-1, 3), axis=0).max())
-    if size > LONGEST or (length is not None and not 0.2 < size / length < 5):
-        than = f"; the vehicle is {length:g} m" if length is not None else ""
-        raise ConfigError(f"{name}: is {size:.4g} m long{than}: is it in millimetres? give --unit ({', '.join(UNITS)})")
-    z = panels[..., Z]
-    if z.min() > -DRY * size:
-        raise ConfigError(
-            f"{name}: lies above the water (z from {z.min():.4g} to {z.max():.4g} m); give --waterline, the height of "
-            "the water in the mesh's own z"
-        )
-    if z.max() < -DRY * size:
-        raise ConfigError(f"{name}: lies wholly under water (z up to {z.max():.4g} m); give --waterline")
-    panels = _consistent(_snapped(panels, MERGE * size), name)
-    wet = _cut(panels, DRY * size)
-    surface = WettedSurface(wet, mesh.planes)
-    if surface.volume < 0:
-        print(f"{name}: its normals pointed inward; turned over")
-        panels, surface = reverse(panels), WettedSurface(reverse(wet), mesh.planes)
-    _check_closed(surface, name, size)
-    if not mesh.planes and _alike(panels, size):
-        return WettedSurface(_cut(_port(panels, DRY * size), DRY * size), (1,))
-    return surface
-
-
-def _alike(panels: Array, size: float) -> bool:
-    """Whether the corners of port and starboard are mirror images."""
-    corners = np.unique(np.round(panels.reshape(-1, 3), 9), axis=0)
-    image = corners * [1.0, -1.0, 1.0]
-    return all(np.abs(corners - own).max(axis=1).min() <= ALIKE * size for own in image)
-
-
-def _port(panels: Array, tiny: float) -> Array:
-    """Parts of panels on the port side; panels that cross the centreplane are cut."""
-    return _cut(panels[..., [0, 2, 1]] * [1.0, 1.0, -1.0], tiny)[..., [0, 2, 1]] * [1.0, -1.0, 1.0]
-
-
-def refined(surface: WettedSurface, size: float) -> WettedSurface:
-    """Divide panels at the middles of their edges until edges are at most about `size` (m)."""
-    panels = surface.panels
-    for _ in range(12):
-        large = WettedSurface(panels).edge > size * 1.2
-        if not large.any():
-            break
-        panels = np.concatenate([panels[~large], _quartered(panels[large])])
-    return WettedSurface(panels, surface.planes)
-
-
-def _quartered(panels: Array) -> Array:
-    a, b, c, d = np.moveaxis(panels, 1, 0)
-    three = (c == d).all(axis=1)
-    ab, bc, cd, da, middle = (a + b) / 2, (b + c) / 2, (c + d) / 2, (d + a) / 2, (a + b + c + d) / 4
-    quads = [(a, ab, middle, da), (ab, b, bc, middle), (middle, bc, c, cd), (da, middle, cd, d)]
-    triangles = [(a, ab, da, da), (ab, b, bc, bc), (da, bc, c, c), (ab, bc, da, da)]
-    four = np.concatenate([np.stack(q, axis=1)[~three] for q in quads])
-    return np.concatenate([four, *(np.stack(t, axis=1)[three] for t in triangles)])
-
-
-def _snapped(panels: Array, tiny: float) -> Array:
-    """Merge corners within `tiny`, and drop panels without area."""
-    grid = np.rint(panels / tiny) * tiny
-    panels = np.where(np.abs(grid) < tiny / 2, 0.0, grid)
-    panels = as_triangles(panels, tiny / 2)
-    return panels[np.linalg.norm(area_vectors(panels), axis=1) > tiny**2]
-
-
-def _edges(panels: Array) -> tuple[list[list[tuple[int, int]]], Array]:
-    """Edges of each panel, in order, as pairs of corner numbers; and the corners."""
-    corners, number = np.unique(panels.reshape(-1, 3), axis=0, return_inverse=True)
-    number = number.reshape(-1, 4)
-    edges = []
-    for row in number.tolist():
-        ring = [row[i] for i in range(4) if row[i] != row[i - 1]]
-        edges.append([(ring[i - 1], ring[i]) for i in range(len(ring))])
-    return edges, corners
-
-
-def _consistent(panels: Array, name: str) -> Array:
-    """Turn panels so that neighbours traverse their common edge in opposite directions."""
-    edges, _ = _edges(panels)
-    at: dict[tuple[int, int], list[tuple[int, bool]]] = {}
-    for panel, ring in enumerate(edges):
-        for i, j in ring:
-            at.setdefault((min(i, j), max(i, j)), []).append((panel, i < j))
-    turn: dict[int, bool] = {}
-    for start in range(len(panels)):
-        if start in turn:
+        if block.type in NO_SURFACE:
             continue
-        turn[start], heap = False, [start]
-        while heap:
-            panel = heap.pop()
-            for i, j in edges[panel]:
-                met = at[(min(i, j), max(i, j))]
-                if len(met) != 2 or met[0][0] == met[1][0]:
-                    continue
-                own, other = met if met[0][0] == panel else met[::-1]
-                wanted = turn[panel] ^ (own[1] == other[1])
-                if other[0] not in turn:
-                    turn[other[0]] = wanted
-                    heap.append(other[0])
-                elif turn[other[0]] != wanted:
-                    raise ConfigError(f"{name}: its surface has only one side: normals cannot be made consistent")
-    turned = np.array([turn[i] for i in range(len(panels))])
-    if turned.any():
-        print(f"{name}: the normals of {min(turned.sum(), (~turned).sum())} of {len(panels)} panels were turned over")
-    return np.where(turned[:, None, None], reverse(panels), panels)
+        if block.type not in LINEAR and block.type != "polygon":
+            raise ValueError(f"holds cells of the type {block.type}: export the surface as triangles or quadrilaterals")
+        number = [np.asarray(cell, dtype=np.int64) for cell in block.data]
+        if any(cell.min() < 0 or cell.max() >= len(points) for cell in number):
+            raise ValueError("a polygon has a corner that is not among the points: is the file damaged?")
+        parts += [_fan(points[cell]) for cell in number]
+    return np.concatenate(parts)
 
 
-def _cut(panels: Array, tiny: float) -> Array:
-    """Parts of panels below z = 0, without panels in the water's surface itself."""
-    panels = panels.copy()
-    panels[..., Z][np.abs(panels[..., Z]) < tiny] = 0.0
-    z = panels[..., Z]
-    found = [panels[(z <= 0).all(axis=1) & (z < 0).any(axis=1)]]
-    for panel in panels[(z < 0).any(axis=1) & (z > 0).any(axis=1)]:
-        ring = []
-        for p, q in zip(panel, np.roll(panel, -1, axis=0), strict=True):
-            if p[2] <= 0:
-                ring.append(p)
-            if p[2] * q[2] < 0:
-                ring.append(p + (q - p) * (p[2] / (p[2] - q[2])))
-        ring = [p for i, p in enumerate(ring) if np.linalg.norm(p - ring[i - 1]) > tiny]
-        for p in ring:
-            p[2] = min(p[2], 0.0)
-        fans = [ring] if len(ring) in (3, 4) else [ring[:4], [ring[0], *ring[3:]]] if len(ring) == 5 else []
-        found += [np.array([[*fan, fan[-1]][:4]]) for fan in fans]
-    return np.concatenate(found)
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8", errors="replace")
 
 
-def _check_closed(surface: WettedSurface, name: str, size: float) -> None:
-    """Require panels on both sides of every edge that is below water and off the planes of symmetry."""
-    panels = _snapped(surface.panels, MERGE * size)
-    edges, corners = _edges(panels)
-    count = Counter((min(edge), max(edge)) for ring in edges for edge in ring)
-    tiny = 10 * DRY * size
+def _number(word: str) -> float:
+    """A number as other programs write it; not Python's 1_0."""
+    if "_" in word:
+        raise ValueError(f"{word[:40]!r} is not a number")
+    return float(word.replace("D", "E").replace("d", "e"))  # Fortran's
 
-    def at_border(edge: tuple[int, int]) -> bool:
-        ends = corners[list(edge)]
-        return bool((ends[:, 2] > -tiny).all() or any((np.abs(ends[:, a]) < tiny).all() for a in surface.planes))
 
-    open_ones = [edge for edge, n in count.items() if n == 1 and not at_border(edge)]
-    volumes = np.sum(surface.whole.mean(axis=1) * surface.area, axis=0)  # by x, y and z: of a closed surface the same
-    if open_ones and float(np.ptp(volumes) / np.abs(volumes).max()) > OPEN:
-        where = corners[[i for edge in open_ones for i in edge]].mean(axis=0)
-        raise ConfigError(
-            f"{name}: has holes below the water: {len(open_ones)} open edges about x = {where[0]:.3g}, "
-            f"y = {where[1]:.3g}, z = {where[2]:.3g} m; close them, or export the mesh anew"
-        )
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True

@@ -204,6 +204,27 @@ def _wet(patch: Patch, s: Array) -> tuple[Array, Array]:
     return low, np.where(dry_level, low, high)
 
 
+def refined(surface: WettedSurface, size: float) -> WettedSurface:
+    """Divide panels at the middles of their edges until edges are at most about `size` (m)."""
+    panels = surface.panels
+    for _ in range(12):
+        large = WettedSurface(panels).edge > size * 1.2
+        if not large.any():
+            break
+        panels = np.concatenate([panels[~large], _quartered(panels[large])])
+    return WettedSurface(panels, surface.planes)
+
+
+def _quartered(panels: Array) -> Array:
+    a, b, c, d = np.moveaxis(panels, 1, 0)
+    three = (c == d).all(axis=1)
+    ab, bc, cd, da, middle = (a + b) / 2, (b + c) / 2, (c + d) / 2, (d + a) / 2, (a + b + c + d) / 4
+    quads = [(a, ab, middle, da), (ab, b, bc, middle), (middle, bc, c, cd), (da, middle, cd, d)]
+    triangles = [(a, ab, da, da), (ab, b, bc, bc), (da, bc, c, c), (ab, bc, da, da)]
+    four = np.concatenate([np.stack(q, axis=1)[~three] for q in quads])
+    return np.concatenate([four, *(np.stack(t, axis=1)[three] for t in triangles)])
+
+
 def inner_lid(hull: WettedSurface, size: float) -> Array:
     """Panels [n, 4, 3] of a lid inside `hull`, on its positive sides, normals down."""
     return _lid(hull, size, AWAY * size, inside=True)
