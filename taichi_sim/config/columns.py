@@ -108,20 +108,24 @@ class Sheet:
             raise self.refusal(f"{self.path}: {len(found)} columns are called {name}: leave one")
         return found[0] if found else None
 
-    def numbers(self, place: Place, quantity: str = "") -> Array:
+    def numbers(self, place: Place, quantity: str = "", missing: bool = False) -> Array:
         """Values of a column in the unit of its `quantity` (UNITS); "" takes them as they are.
+
+        Where values may be `missing`, an empty cell, NaN and a mark of a missing value are NaN.
 
         Raises:
             ConfigError: for an unknown unit, a cell without a finite number, or a mark of a missing value.
         """
         values = np.empty(len(self.rows))
         for k, (line, text) in enumerate(self._cells(place)):
-            number = self._number(text)
+            number = math.nan if missing and not text else self._number(text)
             if number is None:
                 raise self.wrong(line, f"{place.title} is not a number: {text!r}; leave out rows without a value")
-            if not math.isfinite(number):
+            if not (math.isfinite(number) or missing and math.isnan(number)):
                 raise self.wrong(line, f"{place.title} = {text}: numbers must be finite: leave out such rows")
             values[k] = number
+        if missing:
+            return without_marks(values, least=LEAST.get(quantity, TURN)) * self._factor(place, quantity)
         k = missing_mark(values, least=LEAST.get(quantity, TURN))
         if k is not None:
             raise self.wrong(self.line(k), f"{place.title} = {values[k]:g} marks a missing value: leave out such rows")
@@ -187,6 +191,14 @@ class Sheet:
         return known[place.unit.lower()]
 
 
+def without_marks(values: Array, least: float = 0.0) -> Array:
+    """The values [n] with NaN for each `missing_mark`."""
+    values = values.copy()
+    while (k := missing_mark(values, least)) is not None:
+        values[k] = np.nan
+    return values
+
+
 def missing_mark(values: Array, least: float = 0.0) -> int | None:
     """First of the values [n] that is a mark of a missing one (MISSING) and has nothing near it; None without any.
 
@@ -195,7 +207,7 @@ def missing_mark(values: Array, least: float = 0.0) -> int | None:
     """
     size = np.abs(values)
     marked = np.isclose(size[:, None], MISSING, rtol=1e-6, atol=0.0).any(axis=1)
-    others = np.flatnonzero(~marked)
+    others = np.flatnonzero(~marked & ~np.isnan(values))
     for k in np.flatnonzero(marked & (size > least)):
         after = int(np.searchsorted(others, k))
         near = values[others[max(after - 1, 0) : after + 1]]
