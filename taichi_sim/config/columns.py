@@ -14,6 +14,7 @@ A row that lacks a value is refused by its line: leave it out, for what reads a 
 import csv
 import math
 import re
+import warnings
 from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -71,6 +72,7 @@ class Sheet:
             raise refusal(f"{path}: cannot be read: {error.strerror}") from None
         except UnicodeDecodeError as error:
             raise refusal(f"{path}: cannot be read: this is no text in UTF-8 ({error.reason})") from None
+        warn_if_cut(path, text)
         lines = text.splitlines()
         top = next((line for line in lines if line.strip()), "")
         self.separator = max(",;\t", key=top.count)
@@ -189,6 +191,12 @@ class Sheet:
             raise self.refusal(f"{self.path}: column {place.title}: this unit is not known here; known are "
                                f"{', '.join(known)}")  # fmt: skip
         return known[place.unit.lower()]
+
+
+def warn_if_cut(path: Path, text: str) -> None:
+    """Warn of a text whose last line has no end: its last number may have lost digits."""
+    if text and text[-1] not in "\r\n":
+        warnings.warn(f"{path}: its last line has no end: is the file cut short? It is read as it is", stacklevel=2)
 
 
 def without_marks(values: Array, least: float = 0.0) -> Array:

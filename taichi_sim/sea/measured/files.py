@@ -171,15 +171,15 @@ def _read(path: Path) -> Gridded:
     if is_ndbc(path):
         return read_ndbc(path)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            if path.suffix.lower() in NETCDF:
-                if find_spec("wavespectra") is None:  # with it come the other packages of the extra
-                    raise MissingExtraError("wavespectra", "waves")
+        if path.suffix.lower() in NETCDF:
+            if find_spec("wavespectra") is None:  # with it come the other packages of the extra
+                raise MissingExtraError("wavespectra", "waves")
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
                 return read_netcdf(path)
-            with path.open(encoding="utf-8", errors="replace") as file:
-                begin = file.read(BEGIN)
-            return read_spotter(path) if is_spotter(begin) else read_text(path, begin)
+        with path.open(encoding="utf-8", errors="replace") as file:
+            begin = file.read(BEGIN)
+        return read_spotter(path) if is_spotter(begin) else read_text(path, begin)
     except MissingExtraError:
         raise
     except ConfigError as error:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from taichi_sim.config import ConfigError
-from taichi_sim.config.columns import MISSING, without_marks
+from taichi_sim.config.columns import MISSING, TURN, without_marks
 from taichi_sim.sea.measured.record import band_edges
 
 FEWEST_ANGLES = 3  # directions of a directional spectrum, at least
@@ -132,10 +132,10 @@ def checked(path: Path, data: Gridded) -> tuple[Gridded, np.ndarray]:
 
 
 def _without_marks(values: np.ndarray) -> np.ndarray:
-    """Values [.., n] with NaN for marks of missing ones in their rows (columns.missing_mark)."""
+    """Values [.., n] with NaN for marks of missing ones above TURN in their rows (columns.missing_mark)."""
     rows = values.reshape(-1, values.shape[-1])
     for k in np.flatnonzero(np.isin(np.abs(rows).astype(np.float32), MISSING.astype(np.float32)).any(axis=1)):
-        rows[k] = without_marks(rows[k])
+        rows[k] = without_marks(rows[k], least=TURN)
     return rows.reshape(values.shape)
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from taichi_sim.config import ConfigError
+from taichi_sim.config.columns import warn_if_cut
 from taichi_sim.sea.measured.gridded import Gridded, of_energy
 from taichi_sim.sea.measured.netcdf import GRAVITY, SEAWATER
 
@@ -88,11 +89,12 @@ def read_text(path: Path, begin: str) -> Gridded:
     Raises:
         ConfigError: for a text of another kind, or one that is cut short.
     """
-    if begin.startswith("SWAN"):
-        return _of_swan(path, _Lines(path.read_text(encoding="utf-8", errors="replace")))
-    if begin.lstrip().startswith("'WAVEWATCH III SPECTRA'"):
-        return _of_wavewatch(_Lines(path.read_text(encoding="utf-8", errors="replace")))
-    raise ConfigError(f"not known as a spectrum; known formats are {KNOWN}")
+    swan = begin.startswith("SWAN")
+    if not swan and not begin.lstrip().startswith("'WAVEWATCH III SPECTRA'"):
+        raise ConfigError(f"not known as a spectrum; known formats are {KNOWN}")
+    text = path.read_text(encoding="utf-8", errors="replace")
+    warn_if_cut(path, text)
+    return _of_swan(path, _Lines(text)) if swan else _of_wavewatch(_Lines(text))
 
 
 def _time(lines: _Lines, text: str, form: str) -> np.datetime64:
