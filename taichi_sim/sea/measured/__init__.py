@@ -2,7 +2,10 @@
 
 files.py     opens the file of `sea.spectrum` and selects its records
 ndbc.py      reads text files of the US National Data Buoy Center
-gridded.py   reads all other formats with the library wavespectra
+netcdf.py    reads netCDF of wave models, NDBC and CDIP
+spotter.py   reads JSON and CSV of Sofar's Spotter
+wave_models.py  reads text of SWAN and WAVEWATCH III
+gridded.py   what these readers give, and the gate that it passes
 record.py    one sea state: density, directions from their first moments, statistics; wave components drawn from it
 """
 

@@ -1,19 +1,27 @@
 """Records of the file that `sea.spectrum` names: format, place, time, and substitutes for missing directions."""
 
+import warnings
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
 from taichi_sim.config import ConfigError, SeaConfig
-from taichi_sim.sea.measured.gridded import read_gridded
+from taichi_sim.config.base import MissingExtraError
+from taichi_sim.sea.measured.gridded import Gridded, checked
 from taichi_sim.sea.measured.ndbc import is_ndbc, read_ndbc
-from taichi_sim.sea.measured.record import WaveRecord, band_edges, direction_grid, maximum_entropy, narrowed, normalised
+from taichi_sim.sea.measured.netcdf import read_netcdf
+from taichi_sim.sea.measured.record import WaveRecord, direction_grid, maximum_entropy, narrowed, normalised
+from taichi_sim.sea.measured.spotter import is_spotter, read_spotter
+from taichi_sim.sea.measured.wave_models import read_text
 from taichi_sim.sea.spectrum import spreading
 
 ALL = "all"
+NETCDF = (".nc", ".nc4", ".cdf", ".netcdf")
+BEGIN = 4000  # characters of a text, by which its format is known
 NAMED = 6  # most places of a file that an error names
 
 
@@ -73,6 +81,14 @@ class SpectraFile:
         """Indices of the records without a missing density."""
         return np.flatnonzero(np.isfinite(self.density).all(axis=1)).tolist()
 
+    def _way_out(self) -> str:
+        """How to name another record."""
+        whole = self.whole()
+        if not whole:
+            return "no record of this place is whole"
+        return f"{len(whole)} of {self.times.size} records are whole, the latest of {_text(self.times[whole[-1]])}; " \
+               f"{ALL!r} takes these"  # fmt: skip
+
     def record(self, t: int, direction_deg: float | None = None, spreading_s: float | None = None) -> WaveRecord:
         """Return record t. The arguments give mean direction and cos^2s spreading to a record without directions.
 
@@ -82,9 +98,13 @@ class SpectraFile:
             ConfigError: for a record with a missing density, or without directions where none are given.
         """
         name, density = f"{self.place}, {_text(self.times[t])}", self.density[t]
+        if not np.isfinite(density).any():
+            raise ConfigError(f"{self.path}: the record of {_text(self.times[t])} has no spectrum, every value is "
+                              f"missing (land, ice, or nothing was measured): {self._way_out()}")  # fmt: skip
         if not np.isfinite(density).all():
             first = (self.edges[1:] + self.edges[:-1])[~np.isfinite(density)][0] / 2
-            raise ConfigError(f"{self.path}: the record of {_text(self.times[t])} has no density at {first:.4g} Hz")
+            raise ConfigError(f"{self.path}: the record of {_text(self.times[t])} has no density at {first:.4g} Hz: "
+                              f"{self._way_out()}")  # fmt: skip
         spread = self._spread(t)
         if spread is None:
             spread = self._assumed(name, density, direction_deg, spreading_s)
@@ -133,7 +153,7 @@ def open_spectra(path: Path, site: int | None = None) -> SpectraFile:
         raise ConfigError(f"sea.spectrum = {str(path)!r}: no such file")
     if site and is_ndbc(path):
         raise ConfigError(f"sea.site = {site}: {path.name} has one place only: remove the key")
-    data = read_ndbc(path) if is_ndbc(path) else read_gridded(path)
+    data, edges = checked(path, _read(path))
     if site is None and len(data.places) > 1:
         named = "; ".join(f"{k}: {place}" for k, place in enumerate(data.places[:NAMED]))
         more = "; ..." if len(data.places) > NAMED else ""
@@ -142,11 +162,32 @@ def open_spectra(path: Path, site: int | None = None) -> SpectraFile:
         last = len(data.places) - 1
         raise ConfigError(f"sea.site = {site}: {path.name} has {last + 1}, allowed are 0 to {last}")
     here = (slice(None), site or 0)
-    order = np.argsort(data.times, kind="stable")
-    c1, c2, grid = (None if x is None else x[here][order] for x in (data.c1, data.c2, data.grid))
-    density = data.density[here][order]
-    edges = band_edges(data.frequency)
-    return SpectraFile(path, data.places[site or 0], data.times[order], edges, density, c1, c2, data.angles, grid)
+    c1, c2, grid = (None if x is None else x[here] for x in (data.c1, data.c2, data.grid))
+    return SpectraFile(path, data.places[site or 0], data.times, edges, data.density[here], c1, c2, data.angles, grid)
+
+
+def _read(path: Path) -> Gridded:
+    """Read the spectra of a file of any kind."""
+    if is_ndbc(path):
+        return read_ndbc(path)
+    try:
+        if path.suffix.lower() in NETCDF:
+            if find_spec("wavespectra") is None:  # with it come the other packages of the extra
+                raise MissingExtraError("wavespectra", "waves")
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                return read_netcdf(path)
+        with path.open(encoding="utf-8", errors="replace") as file:
+            begin = file.read(BEGIN)
+        return read_spotter(path) if is_spotter(begin) else read_text(path, begin)
+    except MissingExtraError:
+        raise
+    except ConfigError as error:
+        raise error if str(path) in str(error) else ConfigError(f"{path}: cannot read it: {error}") from None
+    except ImportError as error:
+        raise MissingExtraError("xarray", "waves") from error
+    except Exception as error:  # each library fails in its own way
+        raise ConfigError(f"{path}: cannot read it ({type(error).__name__}: {error})") from None
 
 
 def records_of(config: SeaConfig) -> list[WaveRecord]:
@@ -171,7 +212,7 @@ def _records(path: Path, stamp: int, time: str | None, site: int | None, directi
     if time != ALL:
         return (file.record(file.find(time), direction_deg, spreading_s),)
     if not file.whole():
-        raise ConfigError(f"{path}: every record has a missing density")
+        raise ConfigError(f"{path}: every record has a missing density, or no spectrum (land, ice)")
     return tuple(file.record(t, direction_deg, spreading_s) for t in file.whole())
 
 

@@ -31,6 +31,7 @@ from typing import NamedTuple
 import numpy as np
 
 from taichi_sim.config import ConfigError
+from taichi_sim.config.columns import warn_if_cut
 from taichi_sim.config.files import ndbc_set
 from taichi_sim.sea.measured.gridded import Gridded
 
@@ -38,6 +39,7 @@ MISSING = 998.0  # from here on a value is missing (NDBC writes 999)
 BANDS = np.concatenate((0.0325 + 0.005 * np.arange(13), 0.1 + 0.01 * np.arange(26), 0.365 + 0.02 * np.arange(7)))  # Hz
 PRINTED = 0.00051  # Hz; largest error of a printed frequency
 TAIL = 4  # power of the frequency in the decay of a spectrum's tail
+LARGEST = {"alpha1": 360.0, "alpha2": 360.0, "r1": 1.05, "r2": 1.05}  # deg and 1, with room for rounding
 STEPS = 100  # steps up to the largest density in code FM 65
 DISCERNIBLE = 3  # steps of the code are recognised if they are at least this many units of the last printed digit
 
@@ -111,7 +113,9 @@ def read_part(path: Path) -> Part:
     """
     try:
         with _open(path) as file:
-            header, *lines = file.read().splitlines()
+            text = file.read()
+        warn_if_cut(path, text)
+        header, *lines = text.splitlines()
     except (OSError, UnicodeDecodeError, EOFError, ValueError) as error:
         raise ConfigError(f"{path}: cannot be read: {error or 'it is empty'}") from None
     names = header.lstrip("#").split()
@@ -164,7 +168,7 @@ def _row(path: Path, number: int, cells: list[str], dates: int, columns: list[st
 
 def _numbers(texts: list[str]) -> Iterator[float]:
     for text in texts:
-        value = np.nan if text == "MM" else float(text)
+        value = np.nan if text == "MM" else float(text.replace("_", "x"))
         if value < 0:
             raise ValueError(f"{text}: must be 0 or more")
         yield value if value < MISSING else np.nan
@@ -174,10 +178,14 @@ def _aligned(kind: str, part: Part, density: Part, path: Path) -> np.ndarray:
     """Values [t, f] of a file at the times of the densities; NaN where the file lacks a time."""
     if part.frequency.shape != density.frequency.shape or not np.allclose(part.frequency, density.frequency):
         raise ConfigError(f"{path}: its frequencies differ from those in the file of the densities")
-    rows: Mapping[np.datetime64, np.ndarray] = dict(zip(part.times, part.values, strict=True))
+    values = part.values / 100 if part.hundredths and kind in ("r1", "r2") else part.values
+    if (beyond := values > LARGEST[kind]).any():
+        t, f = np.argwhere(beyond)[0]
+        raise ConfigError(f"{path}: {kind} is {values[t, f]:g} on {part.times[t]} at {part.frequency[f]:g} Hz: allowed "
+                          f"are 0 to {LARGEST[kind]:g}, and 999 or MM where it is missing")  # fmt: skip
+    rows: Mapping[np.datetime64, np.ndarray] = dict(zip(part.times, values, strict=True))
     nothing = np.full(density.frequency.size, np.nan)
-    values = np.array([rows.get(time, nothing) for time in density.times])
-    return values / 100 if part.hundredths and kind in ("r1", "r2") else values
+    return np.array([rows.get(time, nothing) for time in density.times])
 
 
 def _open(path: Path):
