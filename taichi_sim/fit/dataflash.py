@@ -5,11 +5,11 @@
 | north, east | XKF1.PN, PE | m, EKF3's estimate of core 0, from the EKF's origin |
 | heading | XKF1.Yaw | deg, clockwise from north |
 | yaw rate | IMU.GyrZ | rad/s, sensor 0; mean over each interval |
-| commands | RCOU.C1 ... C14 | pulse widths, microseconds; each holds until the next message |
+| commands | RCOU.C1 ... C14 | pulse widths, microseconds; samples of a signal: mean over the interval after a time |
 | channels | PARM, SERVOn_FUNCTION | 70 throttle, 26 ground steering; 73 and 74 throttle left and right |
 | ends, middle of a width | PARM, SERVOn_MIN, _TRIM, _MAX, _REVERSED | 1000, 1500, 2000, 0 where not logged |
 
-All is resampled to INTERVAL: positions and headings by interpolation, rates by means, commands as held. A gap in XKF1,
+All is resampled to INTERVAL: positions and headings by interpolation, rates and commands by means. A gap in XKF1,
 IMU or RCOU is a gap of the log.
 """
 
@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.config.base import MissingExtraError
-from taichi_sim.fit.table import CLOCK, GAP, Array, LogError, Source, Table, held
+from taichi_sim.fit.table import CLOCK, GAP, Array, LogError, Source, Table, drawn_means
 from taichi_sim.sitl.channels import default_channels, read_channels
 from taichi_sim.vehicle import Vehicle
 
@@ -77,7 +77,10 @@ def read_dataflash(file: Path, model: Vehicle, source: Source) -> Table:
         "east": np.interp(t, t_place, east),
         "heading": np.interp(t, t_place, np.unwrap(np.radians(yaw))),
         "yaw_rate": _means(t_gyro, gyro.squeeze(1), t, INTERVAL),
-        **_actions(file, model, channels, parameters, held(t_widths, widths, t)),
+        **{
+            name: drawn_means(t_widths, values, t, t + INTERVAL)
+            for name, values in _actions(file, model, channels, parameters, widths).items()
+        },
     }
     return Table(columns, lambda k: f"at {t[k]:.1f} s")
 

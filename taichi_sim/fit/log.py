@@ -17,6 +17,7 @@ import numpy as np
 
 from taichi_sim.fit.bag import read_bag
 from taichi_sim.fit.dataflash import read_dataflash
+from taichi_sim.fit.samples import Mask, inspected
 from taichi_sim.fit.table import CHANNELS, GAP, HEADING, YAW_RATE, Array, Column, LogError, Source, Table
 from taichi_sim.vehicle import Vehicle
 
@@ -25,6 +26,7 @@ FASTEST, SLOWEST = 1e-3, 2.0  # s, intervals between samples
 SMALL, LARGE = 1 / 40, 40.0  # ratios of two rates that should agree, beyond which one of them is in degrees
 COURSE_OVER = 2.0  # s, time over which a course is computed
 MOVES = 0.3  # m/s, least speed for comparing a course with a heading
+STILL, TURNS = 1e-3, 0.02  # rad/s rms: a vessel that does not turn, and one that does
 ENOUGH = 20  # least number of samples for comparing a course with a heading
 # Two angles agree if the mean direction of their difference has the length CLEAR, and CLEARER more than another pair.
 CLEAR, CLEARER = 0.8, 0.3
@@ -42,6 +44,8 @@ class Log(NamedTuple):
     actions: Array  # [sample, action], held from each sample on
     parts: tuple[slice, ...]  # ranges without gaps
     digest: str  # sha256 of the file, or of the files of a folder
+    new: Mask  # [sample, 4]: which values of the motion count (samples.py)
+    notes: tuple[str, ...] = ()  # repeats and jumps that were found
     wind: Array | None = None  # [sample, 2]: velocity of the air to the north and east, m/s; None: not measured
 
     @property
@@ -125,7 +129,7 @@ def _checked(file: Path, table: Table, action_names: Sequence[str]) -> Log:
         if worst > 1 + 1e-6:
             raise LogError(f"{file}: {name} goes to {worst:g}: actions are from -1 to 1")
     _check_angles(file, t, motion, parts)
-    motion[:, HEADING] = np.unwrap(motion[:, HEADING])
+    motion, new, parts, notes = inspected(t, motion, parts)
     _check_rates(file, t, motion, parts)
     wind = None
     if "wind_speed" in columns:
@@ -133,7 +137,7 @@ def _checked(file: Path, table: Table, action_names: Sequence[str]) -> Log:
         if (speed < 0).any():
             raise LogError(f"{file}: wind_speed goes to {speed.min():g}: it must not be negative")
         wind = -speed[:, None] * np.stack((np.cos(origin), np.sin(origin)), axis=1)
-    return Log(file.name, t, motion, actions, parts, _digest(file), wind)
+    return Log(file.name, t, motion, actions, parts, _digest(file), new, notes, wind)
 
 
 def _digest(file: Path) -> str:
@@ -225,7 +229,13 @@ def _check_rates(file: Path, t: Array, motion: Array, parts: tuple[slice, ...]) 
     whole = [part for part in parts if part.stop - part.start >= 5]
     turning = np.concatenate([np.zeros(0), *(np.gradient(motion[part, HEADING], t[part]) for part in whole)])
     r = np.concatenate([np.zeros(0), *(motion[part, YAW_RATE] for part in whole)])
-    if not len(r) or np.sqrt(np.mean(r**2)) < 1e-3:
+    still, moving = (float(np.sqrt(np.mean(x**2))) if len(x) else 0.0 for x in (r, turning))
+    if still < STILL < TURNS < moving:
+        raise LogError(f"{file}: yaw_rate stays at 0 while the heading turns: it was not measured")
+    if moving < STILL < TURNS < still:
+        raise LogError(f"{file}: the heading never changes while yaw_rate says that the vessel turns: it was not "
+                       "measured")  # fmt: skip
+    if still < STILL:
         return
     slope = float(turning @ r / (r @ r))
     if abs(slope) > LARGE:
