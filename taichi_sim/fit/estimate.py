@@ -281,7 +281,7 @@ def fit(
     problem.spread = spreads(problem, end.point, normal, end.sigma)
     if problem.spread.max() > AGAIN:
         [end] = side_by_side(simulator, [search(problem, *end.point[:3], prior, end.sigma * problem.spread)])
-    point, sigma, rounds, _ = end._replace(sigma=problem.sigma(end.point.left))
+    point, sigma, rounds, _ = end._replace(sigma=problem.sigma(end.point, end.sigma))
     best = ends[0].log_likelihood(prior)
     others = [Start(f.point.phi, best - f.log_likelihood(prior)) for f in _distinct(ends, prior)]
     normal = normal_equations(problem, point, prior, sigma)
@@ -295,7 +295,7 @@ def fit(
         [(point, sigma, again, _)] = side_by_side(simulator, [further])
         normal, rounds = normal_equations(problem, point, prior, sigma), rounds + again
     extra = point.extra
-    covariance = np.linalg.inv(normal.S) * samples / (samples - unknown)  # sigma is that of the residuals, not of noise
+    covariance = np.linalg.inv(normal.S)
     deviation, nominal = np.sqrt(np.diag(covariance)), simulator.nominal
     told = deviation < KNOWN * prior
     phi = _given_the_rest(point.phi, covariance, told)

@@ -28,6 +28,8 @@ DELTA = 1e-4  # step of differences: phi, and states in m, rad, m/s, rad/s
 LOG_PRIOR = np.array([1.0, 1.0, np.radians(3.0), np.radians(1.0), 0.1, 0.1, 0.1])
 CURRENT, BIASES, DELAYS = slice(0, 2), slice(2, 4), slice(4, 7)
 DELAY_OF = [0, 0, 1, 2]  # the delay of each column of a motion
+OWN = np.array([1.5, 1.5, 2.0, 2.0])  # of a log's own unknowns, those that a channel tells
+LEVERAGE = 0.95  # largest leverage that is made up for
 FAINT = 1e-6  # precision (m, rad, m/s, rad/s) that keeps a state finite of which no sample tells
 
 
@@ -106,10 +108,18 @@ class Problem:
         shown[..., 2:] += extra[self.of, BIASES][:, None]
         return shown
 
-    def sigma(self, left: Array) -> Array:
-        """Robust standard deviations of the residuals that count, by channel, times `spread`."""
-        each = [np.median(np.abs(left[..., c][self.new[..., c]])) for c in range(left.shape[-1])]
-        return np.maximum(1.4826 * np.array(each), 1e-6) * self.spread
+    def sigma(self, point: "Point", sigma: Array) -> Array:
+        """Robust standard deviations of the errors by channel, times `spread`; `sigma`: a guess.
+
+        An error of leverage h leaves the residual (1 - h) of itself, of variance 1 - h: first states take a good part of
+        a sensor that is slow. Numbers, currents, biases and delays have theirs evenly over a channel.
+        """
+        rows = (point.slope[..., -6:] / sigma[:, None]).reshape(len(self.windows), -1, 6)
+        leverage = (np.linalg.qr(rows)[0] ** 2).sum(axis=-1).reshape(point.left.shape)
+        leverage += len(point.phi) / self.new.sum() + self.logs * OWN / self.new.sum(axis=(0, 1))
+        each = np.abs(point.left) / np.sqrt(1.0 - np.minimum(leverage, LEVERAGE))
+        middle = [np.median(each[..., c][self.new[..., c]]) for c in range(len(sigma))]
+        return np.maximum(1.4826 * np.array(middle), 1e-6) * self.spread
 
     def rms(self, left: Array) -> Array:
         """Root mean squares of the residuals that count, by channel."""
@@ -268,7 +278,7 @@ def search(
             continue
         better, damping = cost - new_cost, max(0.1 * damping, 1e-9)
         point = yield from problem.point(phi, extra, state)
-        sigma = problem.sigma(point.left)
+        sigma = problem.sigma(point, sigma)
         cost = _cost(point.left, sigma, point.phi, prior, extra)
         if better < enough * abs(new_cost):
             break
