@@ -113,8 +113,12 @@ def _channels(file: Path, model: Vehicle, asked: str, parameters: Mapping[str, f
         if function is None or not any(key.startswith("SERVO") for key in parameters):
             mine = [usual]
         if len(mine) != 1:
-            raise LogError(f"{file}: {len(mine)} servo outputs have the function {function} of {control}: name its "
-                           f"channel by --channels {control}=N")  # fmt: skip
+            way = f"name its channel by --channels {control}=N"
+            if control in ("ahead", "helm") and {73, 74} <= {
+                parameters.get(f"SERVO{n}_FUNCTION") for n in range(1, 15)
+            }:
+                way = "it has two throttles, 73 and 74: give --set 'actions=\"left_right\"', if the vehicle has it"
+            raise LogError(f"{file}: {len(mine)} servo outputs have the function {function} of {control}: {way}")
         found[control] = mine[0]
     return found
 

@@ -203,13 +203,31 @@ def _tested(simulator: WindowSimulator, log: Log, numbers: Array, sigma: Array, 
     return Tested(log, found[1][1].extra[0, CURRENT], by_file, by_fit, tracks)
 
 
-def _tracks(problem: Problem, fitted: Point, file: Point | None = None, number: int | None = None) -> list[SimulatedWindow]:
+def _tracks(
+    problem: Problem, fitted: Point, file: Point | None = None, number: int | None = None
+) -> list[SimulatedWindow]:
     """The windows of a problem, of log `number` or their own, with NaN where a sample does not count."""
     measured = np.where(problem.new, problem.measured, np.nan)
     return [
         SimulatedWindow(w.log if number is None else number, measured[k], fitted.shown[k], file and file.shown[k])
         for k, w in enumerate(problem.windows)
     ]
+
+
+def _begun_anew(
+    simulator: WindowSimulator, problem: Problem, point: Point, sigma: Array, which: list[int]
+) -> Point:  # fmt: skip
+    """The point with the first states of some windows searched again, from the data, and the better ones kept."""
+    part = Problem([problem.windows[k] for k in which], problem.interval, problem.logs)
+    begin = np.array([first_state(w, problem.interval) for w in part.windows])
+    [anew] = side_by_side(simulator, [search_first_states(part, point.phi, point.extra, begin, sigma)])
+    cost, cost_anew = (huber(left, sigma).sum(axis=(1, 2)) for left in (point.left[which], anew.left))
+    found = Point(*point[:2], *(x.copy() for x in point[2:]))
+    for k, better in enumerate(cost_anew < cost):
+        if better:
+            for mine, new in zip(found[2:], anew[2:], strict=True):
+                mine[which[k]] = new[k]
+    return found
 
 
 def _unlike(problem: Problem, end: SearchEnd, logs: Sequence[Log], seconds: float) -> dict[int, str]:
@@ -273,7 +291,9 @@ def fit(
     clock = time.perf_counter()
     problem, ends = _searched(simulator, used, logs, prior, seconds, starts)
     took, end, unlike = time.perf_counter() - clock, ends[0], _unlike(problem, ends[0], logs, seconds)
-    if unlike:
+    if unlike:  # a local minimum of an initial state looks like this too
+        end = end._replace(point=_begun_anew(simulator, problem, end.point, end.sigma, list(unlike)))
+        unlike = _unlike(problem, end, logs, seconds)
         kept = [k for k in range(len(used)) if k not in unlike]
         used, problem = [used[k] for k in kept], Problem([used[k] for k in kept], interval, len(logs))
         [end] = side_by_side(simulator, [search(problem, *end.point[:2], end.point.state[kept], prior, end.sigma)])
@@ -286,12 +306,9 @@ def fit(
     others = [Start(f.point.phi, best - f.log_likelihood(prior)) for f in _distinct(ends, prior)]
     normal = normal_equations(problem, point, prior, sigma)
     if _odd(normal, prior):
-        # a local minimum of an initial state looks like this too: fit each again, keep the better one
-        begin = np.array([first_state(w, interval) for w in used])
-        [anew] = side_by_side(simulator, [search_first_states(problem, point.phi, point.extra, begin, sigma)])
-        cost, cost_anew = (huber(x.left, sigma).sum(axis=(1, 2)) for x in (point, anew))
-        state = np.where((cost_anew < cost)[:, None], anew.state, point.state)
-        further = search(problem, point.phi, point.extra, state, prior, sigma)
+        # a local minimum of an initial state looks like this too
+        point = _begun_anew(simulator, problem, point, sigma, list(range(len(used))))
+        further = search(problem, *point[:3], prior, sigma)
         [(point, sigma, again, _)] = side_by_side(simulator, [further])
         normal, rounds = normal_equations(problem, point, prior, sigma), rounds + again
     extra = point.extra
@@ -314,9 +331,9 @@ def fit(
         tracks += _tracks(other, by_fit, by_file)
     return Fit(
         keys, nominal, nominal * np.exp(phi), low, high, told, covariance / np.outer(deviation, deviation),
-        sigma / problem.spread, problem.spread, extra[:, CURRENT], extra[:, DELAYS], _delay_deviations(normal, len(logs)),
-        list(unlike.values()), before, after, rounds, _odd(normal, prior), tracks, _directions(normal.S, prior), others, starts,
-        took, [_tested(simulator, log, phi, sigma, seconds, len(logs) + k) for k, log in enumerate(tests)],
+        sigma / problem.spread, problem.spread, extra[:, CURRENT], extra[:, DELAYS],
+        _delay_deviations(normal, len(logs)), list(unlike.values()), before, after, rounds, _odd(normal, prior), tracks,
+        _directions(normal.S, prior), others, starts, took, [_tested(simulator, log, phi, sigma, seconds, len(logs) + k) for k, log in enumerate(tests)],
     )  # fmt: skip
 
 

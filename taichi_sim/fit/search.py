@@ -23,8 +23,8 @@ DAMPING = 10.0  # damping of the first step over the precision of the priors
 OF_STATES = 1e-4  # damping of states, currents and biases over their own precision
 LONGEST = 0.3  # largest change of a number's logarithm in a step
 DELTA = 1e-4  # step of differences: phi, and states in m, rad, m/s, rad/s
-# prior standard deviations of what is a log's own: current (north, east; m/s), heading bias (rad), yaw rate bias (rad/s),
-# and the delays of position, heading and yaw rate behind the commands (s); assumed
+# prior standard deviations of what is a log's own: current (north, east; m/s), biases of heading (rad) and yaw rate
+# (rad/s), and the delays of position, heading and yaw rate behind the commands (s); assumed
 LOG_PRIOR = np.array([1.0, 1.0, np.radians(3.0), np.radians(1.0), 0.1, 0.1, 0.1])
 CURRENT, BIASES, DELAYS = slice(0, 2), slice(2, 4), slice(4, 7)
 DELAY_OF = [0, 0, 1, 2]  # the delay of each column of a motion
@@ -111,8 +111,8 @@ class Problem:
     def sigma(self, point: "Point", sigma: Array) -> Array:
         """Robust standard deviations of the errors by channel, times `spread`; `sigma`: a guess.
 
-        An error of leverage h leaves the residual (1 - h) of itself, of variance 1 - h: first states take a good part of
-        a sensor that is slow. Numbers, currents, biases and delays have theirs evenly over a channel.
+        An error of leverage h leaves the residual (1 - h) of itself, of variance 1 - h: first states take a good part
+        of a slow sensor. Numbers, currents, biases and delays have theirs evenly over a channel.
         """
         rows = (point.slope[..., -6:] / sigma[:, None]).reshape(len(self.windows), -1, 6)
         leverage = (np.linalg.qr(rows)[0] ** 2).sum(axis=-1).reshape(point.left.shape)

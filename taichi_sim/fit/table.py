@@ -58,7 +58,7 @@ def held_means(t: Array, values: Array, begin: Array, end: Array) -> Array:
 
 
 def drawn_means(t: Array, values: Array, begin: Array, end: Array) -> Array:
-    """Means from `begin` to `end` of a signal that was sampled [sample] at the times `t`: straight lines between them."""
+    """Means from `begin` to `end` of a signal that was sampled [sample] at the times `t`, by straight lines."""
     nodes = np.union1d(t, np.r_[begin, end])
     drawn = np.interp(nodes, t, values)
     sums = np.r_[0.0, np.cumsum(0.5 * (drawn[1:] + drawn[:-1]) * np.diff(nodes))]

@@ -69,8 +69,10 @@ def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
     if not found:
         names = ", ".join(log.name for log in logs)
         if short:
-            raise LogError(f"{names}: no window of {seconds:g} s has {WANTED['position']} new positions, "
-                           f"{WANTED['heading']} headings and {WANTED['yaw rate']} yaw rates: give a longer --window")  # fmt: skip
+            few = ", ".join(f"{n} of {name}" for name, n in WANTED.items())
+            raise LogError(
+                f"{names}: no window of {seconds:g} s has enough new samples ({few}): give a longer --window"
+            )
         raise LogError(f"{names}: no log has {seconds:g} s without a gap: give a shorter --window")
     return found
 
