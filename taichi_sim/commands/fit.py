@@ -327,7 +327,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--prior", action="append", default=[], metavar="KEY=SHARE",
                    help=f"how well it is known beforehand [{PRIOR:g}; mass {PRIORS['mass']:g}]")  # fmt: skip
     p.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE",
-                   help="override KEY or SECTION.KEY of the vehicle file, as of taichi-sim sitl; several times")  # fmt: skip
+                   help="override KEY or SECTION.KEY of the vehicle file; several times")  # fmt: skip
     p.add_argument("--window", type=float, default=6.0, metavar="S", help="length of a simulated window [6]")
     p.add_argument("--starts", type=int, default=STARTS, metavar="N",
                    help=f"searches, all but one from draws of the priors [{STARTS}]")  # fmt: skip

@@ -333,7 +333,8 @@ def fit(
         keys, nominal, nominal * np.exp(phi), low, high, told, covariance / np.outer(deviation, deviation),
         sigma / problem.spread, problem.spread, extra[:, CURRENT], extra[:, DELAYS],
         _delay_deviations(normal, len(logs)), list(unlike.values()), before, after, rounds, _odd(normal, prior), tracks,
-        _directions(normal.S, prior), others, starts, took, [_tested(simulator, log, phi, sigma, seconds, len(logs) + k) for k, log in enumerate(tests)],
+        _directions(normal.S, prior), others, starts, took,
+        [_tested(simulator, log, phi, sigma, seconds, len(logs) + k) for k, log in enumerate(tests)],
     )  # fmt: skip
 
 

@@ -17,6 +17,7 @@ from taichi_sim.fit.table import EAST, HEADING, NORTH, YAW_RATE, Array
 Mask = NDArray[np.bool_]
 SENSORS = {"position": [NORTH, EAST], "heading": [HEADING], "yaw rate": [YAW_RATE]}  # and their columns of a motion
 CHANCE = 3.0  # repeats over those that a coarse resolution explains, from which a sensor is slower than the log
+QUIET = 0.2  # change after repeats over the usual one, below which the vessel is at rest
 FEW = 3  # repeats that are no sign of anything
 BENDS, REGULAR = 1e-3, 0.8  # a line: its typical bend over that of knots; share of the knots that are equally far apart
 # a jump: robust standard deviations of the change between samples, and the least: of a position (m; assumed), of a
@@ -52,13 +53,13 @@ def inspected(t: Array, motion: Array, parts: tuple[slice, ...]) -> Samples:
     told = []
     for part in parts:
         told += _heading_jumps(t[part], motion[part], new[part], part.start)
+    notes += [jump.told for jump in told[:NAMED]]
     parts = _longest(t, parts, told, notes)
     steps = [jump for part in parts for jump in _position_jumps(t[part], motion[part], new[part], part.start)]
     parts = tuple(piece for part in parts for piece in _split(part, steps))
-    for jump in (told + steps)[:NAMED]:
-        notes.append(jump.told)
-    if len(told + steps) > NAMED:
-        notes.append(f"there are {len(told + steps) - NAMED} more such jumps")
+    notes += [jump.told for jump in steps[:NAMED]]
+    if more := sum(max(len(found) - NAMED, 0) for found in (told, steps)):
+        notes.append(f"there are {more} more such jumps")
     for jump in told + steps:
         new[jump.first + 1 : jump.last, jump.columns] = False
     _fill(t, motion, new, parts)
@@ -90,12 +91,13 @@ def _repeats(values: Array, parts: Sequence[slice], round_: bool) -> tuple[Mask,
         return old, ""
     smallest = np.array([x[x > 0].min(initial=np.inf) for x in sizes[whole].T])
     near = (sizes <= 1.5 * smallest).all(axis=1) & whole & ~same
-    if same.sum() > FEW + CHANCE * near.sum() / (3 ** values.shape[1] - 1):
+    moves, after = whole & ~same, whole & ~same & np.r_[False, same[:-1]]
+    resting = after.any() and np.median(sizes[after].max(axis=1)) < QUIET * np.median(sizes[moves].max(axis=1))
+    if not resting and same.sum() > FEW + CHANCE * near.sum() / (3 ** values.shape[1] - 1):
         old[1:] = same
         for part in parts:  # the first value of a part may be as old as a repeat
             changed = np.flatnonzero(~old[part][1:])
             old[part.start : part.start + 1 + changed[0] if len(changed) else part.stop] = True
-        return old, "repeats in"
     bend = np.zeros(len(values))
     bend[1:-1] = np.abs(np.angle(np.exp(1j * np.diff(steps, axis=0))) if round_ else np.diff(steps, axis=0)).max(axis=1)
     typical, largest = np.median(bend[1:-1]), np.quantile(bend[1:-1], 0.95)
@@ -104,10 +106,11 @@ def _repeats(values: Array, parts: Sequence[slice], round_: bool) -> tuple[Mask,
         apart = np.diff(knots)
         usual = int(np.median(apart))
         if usual > 1 and np.mean(apart == usual) > REGULAR:
-            old[:] = True
-            old[knots] = False
+            lines = np.ones(len(old), dtype=bool)
+            lines[knots] = False
+            old |= lines
             return old, "is drawn between others in"
-    return old, ""
+    return old, "repeats in"
 
 
 def _fill(t: Array, motion: Array, new: Mask, parts: Sequence[slice]) -> None:
