@@ -47,7 +47,6 @@ BEAUFORT = (
     (0.0, 0.2), (0.3, 1.5), (1.6, 3.3), (3.4, 5.4), (5.5, 7.9), (8.0, 10.7), (10.8, 13.8), (13.9, 17.1),
     (17.2, 20.7), (20.8, 24.4), (24.5, 28.4), (28.5, 32.6), (32.7, 32.7),
 )  # fmt: skip
-FASTEST = 60.0  # m/s; a series with a higher speed is refused
 STREAM = 0xA1  # separates the wind's random numbers from others of the same seed
 
 
@@ -194,7 +193,7 @@ class Wind:
         self.w20_factor = self.speed_factor(TWENTY_FEET)
         speed, direction_deg = mean_wind(self.config)
         start, file = math.radians(direction_deg), self.config.series
-        self._series = Series(*read_series(file, blows_from=True, fastest=FASTEST)) if file else None
+        self._series = Series(*read_series(file, blows_from=True)) if file else None
         mean = [-speed * math.cos(start), -speed * math.sin(start), 0.0]
         self._mean = torch.tensor(mean, dtype=run.torch_dtype, device=run.device).repeat(num_envs, 1)
         self.velocity = self._mean.clone()

@@ -4,15 +4,14 @@
     0, 0.40, 120                                    2020-06-08 03:00, -0.20, 0.35
     600, 0.55, 130                                  2020-06-08 03:10, -0.35, 0.42
 
-`time` is in s of the world's time, or a date and time (the first row is then the world's time 0). Speeds are in m/s. A
+`time` is in s of the world's time. Dates and times, and seconds since 1970, begin at the first row, which is then the
+world's time 0; dates without an offset are UTC. Speeds are in m/s, or in the unit that the header states: speed [kn]. A
 direction is clockwise from north: where a current flows to, and where a wind blows from, as everywhere in a scenario.
 `north` and `east` are the velocity itself, for air too: where it goes to. Other columns are ignored. Between rows each
-component is linear in time; before the first row and after the last it is constant.
+component is linear in time; before the first row and after the last it is constant. Cells and units: columns.py.
 """
 
-import csv
 import math
-from datetime import datetime
 from functools import lru_cache
 from pathlib import Path
 
@@ -21,9 +20,11 @@ import torch
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
+from taichi_sim.config.columns import TURN, Sheet
 from taichi_sim.kernels import runtime
 
 WAYS = (("speed", "direction_deg"), ("north", "east"))
+FASTEST_WIND, FASTEST_CURRENT = 60.0, 10.0  # m/s; assumed, a series with a higher speed is refused
 
 
 class Series:
@@ -60,66 +61,52 @@ def mean_of(file: str, blows_from: bool = False) -> tuple[float, float]:
     return math.hypot(north, east), (math.degrees(math.atan2(east, north)) + turn) % 360.0
 
 
-def read_series(file: str, blows_from: bool = False, fastest: float = math.inf) -> tuple[np.ndarray, np.ndarray]:
-    """Times [n] (s) and velocities [n, 2] (north, east, m/s) of a file.
+def read_series(file: str, blows_from: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Times [n] (s) and velocities [n, 2] (north, east, m/s) of a file; a wind's direction is where it `blows_from`.
 
     Raises:
-        ConfigError: for a mistake in the file or a speed above `fastest`; the message names file and line.
+        ConfigError: for a mistake in the file or a speed that no wind or current has; the message names file and line.
     """
     path = Path(file)
     try:
         stamp = path.stat().st_mtime_ns
     except OSError as error:
         raise ConfigError(f"{file}: cannot be read: {error.strerror}") from None
-    time, velocity = _read(path, stamp, blows_from)
-    speed = np.hypot(*velocity.T)
-    if speed.max() > fastest:
-        raise ConfigError(f"{file}, line {int(speed.argmax()) + 2}: {speed.max():g} m/s: allowed are 0 to {fastest:g}")
-    return time, velocity
+    return _read(path, stamp, blows_from)
 
 
 @lru_cache(maxsize=8)
 def _read(path: Path, stamp: int, blows_from: bool) -> tuple[np.ndarray, np.ndarray]:
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            header, *rows = [[cell.strip() for cell in row] for row in csv.reader(file) if any(row)] or [[]]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ConfigError(f"{path}: cannot be read: {error}") from None
-    way = next((way for way in WAYS if {"time", *way} <= set(header)), None)
+    sheet = Sheet(path)
+    way = next((way for way in WAYS if all(sheet.find(name) for name in ("time", *way))), None)
     if way is None:
-        raise ConfigError(f"{path}: columns are {', '.join(header) or 'none'}; expected time with "
+        raise ConfigError(f"{path}: columns are {', '.join(sheet.header) or 'none'}; expected time with "
                           f"{' or with '.join(' and '.join(way) for way in WAYS)}")  # fmt: skip
-    if not rows:
+    if not sheet.rows:
         raise ConfigError(f"{path}: there is no row under the header")
-    columns = [header.index(name) for name in ("time", *way)]
-    values = np.array([_row(path, number, row, columns) for number, row in enumerate(rows, 2)])
-    time = values[:, 0] - (0.0 if _is_number(rows[0][columns[0]]) else values[0, 0])
-    if fault := next((n for n in range(1, len(time)) if time[n] <= time[n - 1]), None):
-        raise ConfigError(f"{path}, line {fault + 2}: times must rise from row to row")
-    if way == WAYS[0]:
-        if (values[:, 1] < 0).any():
-            raise ConfigError(f"{path}, line {int((values[:, 1] < 0).argmax()) + 2}: speed must be 0 or more")
-        angle = np.deg2rad(values[:, 2] + (180.0 if blows_from else 0.0))
-        return time, values[:, 1:2] * np.stack((np.cos(angle), np.sin(angle)), axis=1)
-    return time, values[:, 1:]
+    at, one, other = (place for name in ("time", *way) if (place := sheet.find(name)))
+    time, dates = sheet.times(at)
+    time = time - time[0] if dates else time
+    if way != WAYS[0]:
+        velocity = np.stack([sheet.numbers(place, "speed") for place in (one, other)], axis=1)
+        return time, _possible(sheet, velocity, blows_from)
+    speed, direction = sheet.numbers(one, "speed"), sheet.numbers(other, "degrees")
+    if (speed < 0).any():
+        raise sheet.wrong(sheet.line(int((speed < 0).argmax())), "speed must be 0 or more")
+    if (beyond := np.abs(direction) > TURN).any():
+        k = int(beyond.argmax())
+        raise sheet.wrong(sheet.line(k), f"{other.title} = {direction[k]:g}: directions are from -360 to 360; a mark "
+                          "of a missing value? Leave out such rows")  # fmt: skip
+    angle = np.deg2rad(direction + (180.0 if blows_from else 0.0))
+    velocity = speed[:, None] * np.stack((np.cos(angle), np.sin(angle)), axis=1)
+    return time, _possible(sheet, velocity, blows_from)
 
 
-def _row(path: Path, number: int, row: list[str], columns: list[int]) -> list[float]:
-    try:
-        time, *velocity = (row[column] for column in columns)
-        numbers = [float(time) if _is_number(time) else datetime.fromisoformat(time).timestamp(), *map(float, velocity)]
-    except IndexError:
-        raise ConfigError(f"{path}, line {number}: cut short: {len(row)} cells") from None
-    except ValueError as error:
-        raise ConfigError(f"{path}, line {number}: {error}") from None
-    if not all(map(math.isfinite, numbers)):
-        raise ConfigError(f"{path}, line {number}: numbers must be finite")
-    return numbers
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+def _possible(sheet: Sheet, velocity: np.ndarray, blows_from: bool) -> np.ndarray:
+    """The velocities [n, 2], refused by their line if no wind or current is so fast."""
+    speed, fastest = np.hypot(*velocity.T), FASTEST_WIND if blows_from else FASTEST_CURRENT
+    if speed.max() > fastest:
+        k = int(speed.argmax())
+        raise sheet.wrong(sheet.line(k), f"{speed[k]:g} m/s: allowed are 0 to {fastest:g}; a mark of a missing value, "
+                          "or other units? Call a column speed [kn]")  # fmt: skip
+    return velocity

@@ -3,10 +3,21 @@
 Pose and yaw rate come from `/NAME/odom` (nav_msgs/Odometry in ENU, body forward-left-up), the commands from
 `/NAME/actions` (sensor_msgs/JointState: an action's name, and its value from -1 to 1 as `position`). Where columns are
 given, `odom` names another topic of odometry, and an action a topic whose messages have a number as `data` (std_msgs
-Float32, Float64). Each command holds from its time on; its mean over the interval after a
-message of odometry is taken.
+Float32, Float64). Each command holds from its time on; taken is its mean until the next message of odometry.
+
+What a message has is not always a value:
+
+| in the message | means |
+|---|---|
+| header.stamp 0 | no time: then times of recording hold for all topics, as where a topic has no headers |
+| orientation (0, 0, 0, 0), not of length 1, or upside down; a yaw variance of -1 or above a turn | no orientation |
+| pose.covariance[0] of -1 | no position |
+| frame ids that name NED or FRD, as MAVROS has them | other axes than these |
+
+The last three are refused. An orientation that never changes is found by the course (log.py).
 """
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +32,10 @@ if TYPE_CHECKING:
 
 ODOMETRY, COMMANDS = "nav_msgs/msg/Odometry", "sensor_msgs/msg/JointState"
 NS = 1e-9
+ONE_CLOCK = 1.0  # s; assumed, delays of recording differ by less between topics whose stamps are of one clock
+UNIT = 0.01  # assumed, error of a unit quaternion's length
+FULL_TURN = 2 * np.pi  # rad; a yaw of a larger standard deviation is not known
+OTHER_AXES = {"ned", "frd", "nwu", "esd"}  # parts of a frame's name
 
 
 def read_bag(path: Path, action_names: tuple[str, ...], source: Source) -> Table:
@@ -31,7 +46,7 @@ def read_bag(path: Path, action_names: tuple[str, ...], source: Source) -> Table
         MissingExtraError: without `rosbags`.
     """
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise MissingExtraError("rosbags", "ros") from None
@@ -40,7 +55,9 @@ def read_bag(path: Path, action_names: tuple[str, ...], source: Source) -> Table
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
             return _table(path, bag, action_names, source)
-    except (AnyReaderError, OSError) as error:
+    except LogError:
+        raise
+    except Exception as error:  # AnyReaderError and whatever a damaged file makes its storage raise
         raise LogError(f"{path}: this is no bag of ROS 2 that can be read: {error}") from None
 
 
@@ -55,29 +72,34 @@ def _table(path: Path, bag: "AnyReader", action_names: tuple[str, ...], source: 
     if missing := sorted(wanted - set(kinds)):
         raise LogError(f"{path}: no topic {missing[0]}; it has {', '.join(sorted(kinds))}. Actions are read from "
                        f"{near}/actions ({COMMANDS}), or from topics that --columns names")  # fmt: skip
-    read = {topic: _messages(bag, topic) for topic in wanted}
-    stamped = all(hasattr(messages[0], "header") for _, messages in read.values() if messages)
-
-    def times(topic: str) -> Array:
-        """Stamps of the headers, if all have one: else when each message was recorded, by one clock. s"""
-        received, messages = read[topic]
-        if not stamped:
-            return received
-        return np.array([m.header.stamp.sec + NS * m.header.stamp.nanosec for m in messages])
-
+    if kinds[odom] != ODOMETRY:
+        raise LogError(f"{path}: {odom} is {kinds[odom]}: a pose is read from {ODOMETRY}")
+    try:
+        read = {topic: _messages(bag, topic) for topic in sorted(wanted)}
+    except Exception as error:  # rosbags documents none for messages that are damaged
+        raise LogError(f"{path}: a message cannot be read, the bag is damaged: {error}") from None
+    counts = {topic: sum(c.msgcount for c in bag.connections if c.topic == topic) for topic in read}
     for topic, (_, messages) in read.items():
         if not messages:
             raise LogError(f"{path}: {topic} has no messages")
-    t, poses = times(odom), read[odom][1]
-    columns: dict[str, Array] = dict(zip(CHANNELS, _motion(poses), strict=True))
+        if len(messages) != counts[topic]:
+            raise LogError(f"{path}: damaged or cut: it has {len(messages)} of {counts[topic]} messages of {topic}")
+    clocks = _clocks(path, read)
+    t, poses = clocks[odom], read[odom][1]
+    columns: dict[str, Array] = dict(zip(CHANNELS, _motion(path, odom, poses), strict=True))
     begin = t[0]
     for name in action_names:
         topic = given[name].source if name in given else f"{near}/actions"
-        at, messages = times(topic), read[topic][1]
+        at, messages = clocks[topic], read[topic][1]
+        if (back := np.flatnonzero(np.diff(at) < 0)).size:
+            raise LogError(f"{path}: message {back[0] + 2} of {topic} is stamped {at[back[0]] - at[back[0] + 1]:g} s "
+                           "before the one that was recorded before it")  # fmt: skip
         if name in given:
-            if not hasattr(messages[0], "data"):
+            if not isinstance(getattr(messages[0], "data", None), (int, float)):
                 raise LogError(f"{path}: {topic} is {kinds[topic]}: an action's topic has a number as data")
             values = given[name].factor * np.array([float(m.data) for m in messages])
+        elif kinds[topic] != COMMANDS:
+            raise LogError(f"{path}: {topic} is {kinds[topic]}: actions are read from {COMMANDS}")
         else:
             values = _named(path, topic, name, messages)
         columns[name], begin = held_means(at, values, t, np.r_[t[1:], t[-1] + 1.0]), max(begin, at[0])
@@ -111,13 +133,58 @@ def _messages(bag: "AnyReader", topic: str) -> tuple[Array, list[Any]]:
     return np.array([stamp for stamp, _ in found]), [message for _, message in found]
 
 
-def _motion(poses: list[Any]) -> tuple[Array, Array, Array, Array]:
-    """North, east (m), heading (rad, clockwise from north), yaw rate (rad/s, bow to starboard) of odometry in ENU."""
-    places, turns = [m.pose.pose.position for m in poses], [m.pose.pose.orientation for m in poses]
-    x, y, z, w = np.array([(q.x, q.y, q.z, q.w) for q in turns]).T
+def _clocks(path: Path, read: Mapping[str, tuple[Array, list[Any]]]) -> dict[str, Array]:
+    """Times of each topic's messages, s: the headers' stamps, if all have one, else when they were recorded.
+
+    Raises:
+        LogError: for stamps of two clocks.
+    """
+    stamps = {
+        topic: np.array([m.header.stamp.sec + NS * m.header.stamp.nanosec for m in messages])
+        for topic, (_, messages) in read.items() if all(hasattr(m, "header") for m in messages)
+    }  # fmt: skip
+    if len(stamps) < len(read) or any((at == 0).any() for at in stamps.values()):
+        return {topic: received for topic, (received, _) in read.items()}
+    late = {topic: float(np.median(read[topic][0] - at)) for topic, at in stamps.items()}
+    first, last = min(late, key=late.__getitem__), max(late, key=late.__getitem__)
+    if late[last] - late[first] > ONE_CLOCK:
+        raise LogError(f"{path}: stamps of {first} and {last} are of two clocks: {late[first]:.1f} and "
+                       f"{late[last]:.1f} s before the times of recording (use_sim_time?)")  # fmt: skip
+    return stamps
+
+
+def _motion(path: Path, topic: str, odometry: list[Any]) -> tuple[Array, Array, Array, Array]:
+    """North, east (m), heading (rad, clockwise from north), yaw rate (rad/s, bow to starboard) of odometry in ENU.
+
+    Raises:
+        LogError: for what is no position or no orientation, and for other frames.
+    """
+    for frame in sorted({m.header.frame_id for m in odometry} | {m.child_frame_id for m in odometry}):
+        if OTHER_AXES & set(re.split(r"[^a-z]+", frame.lower().rpartition("/")[2])):
+            raise LogError(f"{path}: {topic} is in the frame {frame!r}: wanted are east-north-up and forward-left-up "
+                           "(REP 103, docs/ros.md#frames)")  # fmt: skip
+    if len(frames := sorted({m.header.frame_id for m in odometry})) > 1:
+        raise LogError(f"{path}: {topic} is in several frames: {', '.join(frames)}")
+    spread = np.array([(m.pose.covariance[0], m.pose.covariance[35], m.twist.covariance[35]) for m in odometry])
+    x, y, z, w = quaternion = np.array(
+        [(q.x, q.y, q.z, q.w) for q in (m.pose.pose.orientation for m in odometry)], dtype=float
+    ).T
+    length = np.sqrt((quaternion**2).sum(axis=0))
+    for bad, told in (
+        (spread[:, 0] < 0, "no position: its covariance begins with {0[0]:g}"),
+        (length == 0, "no orientation: its quaternion is 0"),
+        ((spread[:, 1] < 0) | (spread[:, 1] > FULL_TURN**2), "no orientation: its yaw has the variance {0[1]:g} rad^2"),
+        ((spread[:, 2] < 0) | (spread[:, 2] > FULL_TURN**2), "no yaw rate: its variance is {0[2]:g} rad^2/s^2"),
+        (~(np.abs(length - 1) < UNIT), "no orientation: its quaternion has the length {1:.3g} in place of 1"),
+        (~(x * x + y * y < z * z + w * w), "no orientation (or w first): by its quaternion the vessel lies capsized"),
+    ):
+        if bad.any():
+            k = int(bad.argmax())
+            said = told.format(spread[k], length[k])
+            raise LogError(f"{path}: message {k + 1} of {topic} has {said}: give a topic that has one by --columns")
     yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    east, north = np.array([(p.x, p.y) for p in places]).T
-    return north, east, 0.5 * np.pi - yaw, -np.array([m.twist.twist.angular.z for m in poses])
+    east, north = np.array([(m.pose.pose.position.x, m.pose.pose.position.y) for m in odometry]).T
+    return north, east, 0.5 * np.pi - yaw, -np.array([m.twist.twist.angular.z for m in odometry])
 
 
 def _named(path: Path, topic: str, name: str, messages: list[Any]) -> Array:

@@ -2,20 +2,25 @@
 
 | taken | message and field | |
 |---|---|---|
-| north, east | XKF1.PN, PE | m, EKF3's estimate of core 0, from the EKF's origin |
+| lane | XKF4.PI | EKF3's primary core at each time; without XKF4, PARM EK3_PRIMARY, or 0 |
+| north, east | XKF1.PN, PE | m, the primary core's estimate, from the EKF's origin |
 | heading | XKF1.Yaw | deg, clockwise from north |
-| yaw rate | IMU.GyrZ | rad/s, sensor 0; mean over each interval |
+| a position at all | XKF4.SS | without a horizontal position, or in constant position mode, XKF1 is left out |
+| yaw rate | IMU.GyrZ | rad/s, sensor 0 while it is healthy (GH); mean over each interval |
 | commands | RCOU.C1 ... C14 | pulse widths, microseconds; samples of a signal: mean over the interval after a time |
 | channels | PARM, SERVOn_FUNCTION | 70 throttle, 26 ground steering; 73 and 74 throttle left and right |
 | ends, middle of a width | PARM, SERVOn_MIN, _TRIM, _MAX, _REVERSED | 1000, 1500, 2000, 0 where not logged |
 
 All is resampled to INTERVAL: positions and headings by interpolation, rates and commands by means. A gap in XKF1,
-IMU or RCOU is a gap of the log.
+IMU or RCOU is a gap of the log. Lanes differ in their positions: where the primary one changes, a new part begins.
+Bytes that are no messages are left out, and a warning names them.
 """
 
 import contextlib
 import io
+import warnings
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.config.base import MissingExtraError
-from taichi_sim.fit.table import CLOCK, GAP, Array, LogError, Source, Table, drawn_means
+from taichi_sim.fit.table import CLOCK, GAP, Array, LogError, Source, Table, drawn_means, held
 from taichi_sim.sitl.channels import default_channels, read_channels
 from taichi_sim.vehicle import Vehicle
 
@@ -32,6 +37,7 @@ FUNCTIONS = {"ahead": 70, "helm": 26, "left": 73, "right": 74}  # SERVOn_FUNCTIO
 OUTPUTS = tuple(f"C{n}" for n in range(1, 15))
 WIDTHS = {"MIN": 1000.0, "TRIM": 1500.0, "MAX": 2000.0, "REVERSED": 0.0}  # assumed where PARM does not say
 MICRO = 1e-6
+HAS_POSITION, HOLDS_POSITION = 8 | 16, 128  # bits of XKF4.SS: relative or absolute position; constant position mode
 
 
 def read_dataflash(file: Path, model: Vehicle, source: Source) -> Table:
@@ -45,7 +51,7 @@ def read_dataflash(file: Path, model: Vehicle, source: Source) -> Table:
         from pymavlink.DFReader import DFReader_binary
     except ImportError:
         raise MissingExtraError("pymavlink", "ardupilot") from None
-    found: dict[str, list[Any]] = {name: [] for name in ("XKF1", "IMU", "RCOU", "PARM")}
+    found: dict[str, list[Any]] = {name: [] for name in ("XKF1", "XKF4", "IMU", "RCOU", "PARM")}
     if file.read_bytes()[:3] != b"\xa3\x95\x80":
         raise LogError(f"{file}: this is no dataflash log of ArduPilot: it begins with no FMT record")
     silent = io.StringIO()  # it prints what it skips
@@ -56,17 +62,24 @@ def read_dataflash(file: Path, model: Vehicle, source: Source) -> Table:
                 found[message.get_type()].append(message)
         except Exception as error:  # pymavlink documents none
             raise LogError(f"{file}: this dataflash log cannot be read: {error}") from None
-    first = {name: [m for m in found[name] if getattr(m, core, 0) == 0] for name, core in (("XKF1", "C"), ("IMU", "I"))}
-    parameters = {m.Name: float(m.Value) for m in found["PARM"]}
-    for name, messages in {**first, "RCOU": found["RCOU"]}.items():
+    _warn_of_damage(file, log)
+    try:
+        parameters = {m.Name: float(m.Value) for m in found["PARM"]}
+        places, changes = _primary(file, found["XKF1"], found["XKF4"], int(parameters.get("EK3_PRIMARY", 0)))
+        gyros = [m for m in found["IMU"] if getattr(m, "I", 0) == 0 and getattr(m, "GH", 1) != 0]
+    except (AttributeError, TypeError, ValueError, OverflowError) as error:
+        raise LogError(f"{file}: this dataflash log cannot be read: {error}") from None
+    for name, messages in {"XKF1": places, "IMU": gyros, "RCOU": found["RCOU"]}.items():
         if len(messages) < 3:
-            raise LogError(f"{file}: {len(messages)} messages {name}; wanted are XKF1 (EKF3, core 0), IMU (sensor 0) "
-                           "and RCOU: see LOG_BITMASK and EK3_ENABLE")  # fmt: skip
-    place, t_place = _columns(file, "XKF1", first["XKF1"], ("PN", "PE", "Yaw"))
-    gyro, t_gyro = _columns(file, "IMU", first["IMU"], ("GyrZ",))
+            raise LogError(f"{file}: {len(messages)} messages {name}; wanted are XKF1 (EKF3, the primary core, with a "
+                           "position), IMU (sensor 0, healthy) and RCOU: see LOG_BITMASK and EK3_ENABLE")  # fmt: skip
+    place, t_place = _columns(file, "XKF1", places, ("PN", "PE", "Yaw"))
+    gyro, t_gyro = _columns(file, "IMU", gyros, ("GyrZ",))
     widths, t_widths = _columns(file, "RCOU", found["RCOU"], [c for c in OUTPUTS if hasattr(found["RCOU"][0], c)])
     t = t_place[0] + INTERVAL * np.arange(int((t_place[-1] - t_place[0]) / INTERVAL + CLOCK) + 1)
     t = t[np.all([_covered(clock, t) for clock in (t_place, t_gyro, t_widths)], axis=0)]
+    for before, after in changes:  # between two lanes there is no position
+        t = t[(t <= before + CLOCK) | (t >= after - CLOCK)]
     if len(t) < 3:
         raise LogError(f"{file}: XKF1, IMU and RCOU have no time in common")
     north, east, yaw = place.T
@@ -82,14 +95,57 @@ def read_dataflash(file: Path, model: Vehicle, source: Source) -> Table:
             for name, values in _actions(file, model, channels, parameters, widths).items()
         },
     }
-    return Table(columns, lambda k: f"at {t[k]:.1f} s")
+    return Table(columns, lambda k: f"at {t[k]:.1f} s", np.array([after - CLOCK for _, after in changes]))
+
+
+def _primary(
+    file: Path, places: list[Any], states: list[Any], usual: int
+) -> tuple[list[Any], list[tuple[float, float]]]:
+    """Messages XKF1 of the lane that is primary at their time, where it has a position; and its changes.
+
+    A change is the times (s) of the last message of one lane and the first one of the next. Without XKF4.PI the lane
+    is `usual` all the time.
+    """
+    states = [m for m in states if hasattr(m, "PI")]
+    if not states:
+        return [m for m in places if getattr(m, "C", 0) == usual], []
+    at = np.array([MICRO * m.TimeUS for m in states])
+    primary = held(at, np.array([m.PI for m in states]), np.array([MICRO * m.TimeUS for m in places]))
+    kept = [(m, lane) for m, lane in zip(places, primary, strict=True) if getattr(m, "C", 0) == lane]
+    for lane in {lane for _, lane in kept}:
+        told = [(MICRO * m.TimeUS, int(m.SS)) for m in states if getattr(m, "C", 0) == lane and hasattr(m, "SS")]
+        if told:
+            since, flags = (np.array(x) for x in zip(*told, strict=True))
+            has = (flags & HAS_POSITION != 0) & (flags & HOLDS_POSITION == 0)
+            there = held(since, has, np.array([MICRO * m.TimeUS for m, _ in kept]))
+            kept = [(m, of) for (m, of), good in zip(kept, there, strict=True) if of != lane or good]
+    if not kept:
+        lanes = ", ".join(str(x) for x in sorted({int(getattr(m, "C", 0)) for m in places})) or "none"
+        raise LogError(f"{file}: no position: XKF1 has core {lanes}, primary is {np.unique(primary)} (XKF4.PI); or the "
+                       "estimate has no horizontal position (XKF4.SS)")  # fmt: skip
+    changes = [(MICRO * m.TimeUS, MICRO * n.TimeUS) for (m, a), (n, b) in pairwise(kept) if a != b]
+    return [m for m, _ in kept], changes
+
+
+def _warn_of_damage(file: Path, log: Any) -> None:
+    """Warn of bytes that belong to no message: in the middle, or an end in the middle of a message."""
+    sizes = {number: layout.len for number, layout in log.formats.items()}
+    spans = sorted((at, at + sizes[number]) for number, found in enumerate(log.offsets) for at in found)
+    whole = [span for span in spans if span[1] <= log.data_len]
+    lost = [(a, b) for (_, a), (b, _) in pairwise(whole) if b > a]
+    end = whole[-1][1] if whole else 0
+    if lost:
+        warnings.warn(f"{file}: damaged: {sum(b - a for a, b in lost)} bytes are no messages, the first at byte "
+                      f"{lost[0][0]}: what they held is left out", stacklevel=2)  # fmt: skip
+    if end < log.data_len:
+        warnings.warn(f"{file}: cut: its last {log.data_len - end} bytes are no whole message", stacklevel=2)
 
 
 def _columns(file: Path, name: str, messages: list[Any], fields: tuple[str, ...] | list[str]) -> tuple[Array, Array]:
     """Fields [message, field] of messages, and their times, s; LogError for a missing one or a clock that runs back."""
     try:
         rows = np.array([[m.TimeUS, *(getattr(m, field) for field in fields)] for m in messages], dtype=np.float64)
-    except AttributeError as error:
+    except (AttributeError, TypeError, ValueError) as error:
         raise LogError(f"{file}: {name} lacks a field: {error}") from None
     t = MICRO * rows[:, 0]
     if (back := np.flatnonzero(np.diff(t) <= 0)).size:

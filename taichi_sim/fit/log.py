@@ -6,7 +6,6 @@ was measured, wind_speed (m/s) with wind_from or wind_from_deg (where the true w
 Other columns are ignored. `Source.columns` says where columns of other names are.
 """
 
-import csv
 import hashlib
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -15,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from taichi_sim.config.columns import LATEST, Sheet
 from taichi_sim.fit.bag import read_bag
 from taichi_sim.fit.dataflash import read_dataflash
 from taichi_sim.fit.samples import Mask, inspected
@@ -26,11 +26,20 @@ FASTEST, SLOWEST = 1e-3, 2.0  # s, intervals between samples
 SMALL, LARGE = 1 / 40, 40.0  # ratios of two rates that should agree, beyond which one of them is in degrees
 COURSE_OVER = 2.0  # s, time over which a course is computed
 MOVES = 0.3  # m/s, least speed for comparing a course with a heading
+FAR = 2e7  # half the way round the Earth in m; nothing in a log is larger
+TURNS = 0.5  # rad, by which a heading turns that is not noise
 ENOUGH = 20  # least number of samples for comparing a course with a heading
 # Two angles agree if the mean direction of their difference has the length CLEAR, and CLEARER more than another pair.
 CLEAR, CLEARER = 0.8, 0.3
+STEADY = 0.95  # the same for courses of a vessel that holds one heading
 ASIDE = np.radians([50.0, 130.0])  # angles from heading to course that no current or turn keeps up over a whole log
+NO_HEADING = "there is no heading (no orientation) in this log: give one that was measured"
 WIND = ("wind_speed", "wind_from")
+QUANTITIES = {  # of the columns of a CSV, for their units
+    "north": "length", "east": "length", "heading": "radians", "heading_deg": "degrees",
+    "yaw_rate": "radians per second", "yaw_rate_deg": "degrees per second",
+    "wind_speed": "speed", "wind_from": "radians", "wind_from_deg": "degrees",
+}  # fmt: skip
 ANGLES = ("heading", "yaw_rate", "wind_from")  # columns that may be in degrees, by the ending _deg
 
 
@@ -108,8 +117,9 @@ def _checked(file: Path, table: Table, action_names: Sequence[str]) -> Log:
     """The log of a table; LogError as of `read_log`."""
     columns = table.columns
     for name, values in columns.items():
-        if len(bad := np.flatnonzero(~np.isfinite(values))):
-            raise LogError(f"{file}: {table.place(int(bad[0]))}: {name} = {values[bad[0]]}: leave out such samples")
+        if len(bad := np.flatnonzero(~(np.abs(values) < (LATEST if name == "t" else FAR)))):
+            raise LogError(f"{file}: {table.place(int(bad[0]))}: {name} = {values[bad[0]]:g} is no value: leave out "
+                           "such samples")  # fmt: skip
     t = columns["t"]
     steps = np.diff(t)
     if (steps <= 0).any():
@@ -120,7 +130,8 @@ def _checked(file: Path, table: Table, action_names: Sequence[str]) -> Log:
         raise LogError(f"{file}: samples are {usual:g} s apart: is t in other units than s? Allowed are {FASTEST:g} to "
                        f"{SLOWEST:g} s")  # fmt: skip
     motion = np.stack([columns[name] for name in CHANNELS], axis=1)
-    breaks = [0, *(np.flatnonzero(steps > GAP * usual) + 1), len(t)]
+    begin = np.union1d(np.flatnonzero(steps > GAP * usual) + 1, np.searchsorted(t, table.breaks))
+    breaks = [0, *begin[(begin > 0) & (begin < len(t))], len(t)]
     parts = tuple(slice(int(a), int(b)) for a, b in zip(breaks[:-1], breaks[1:], strict=True))
     actions = np.stack([columns[name] for name in action_names], axis=1)
     for k, name in enumerate(action_names):
@@ -148,47 +159,36 @@ def _digest(file: Path) -> str:
 
 
 def _read_csv(file: Path, action_names: Sequence[str], where: Mapping[str, Column]) -> Table:
-    try:
-        rows = list(csv.reader(file.read_bytes().decode("utf-8-sig").splitlines()))
-    except UnicodeDecodeError:
-        raise LogError(f"{file}: this is no text; wanted is a CSV with named columns, an ArduPilot .bin or a bag of "
-                       "ROS 2 (docs/fit.md)") from None  # fmt: skip
-    numbered = [(k + 1, row) for k, row in enumerate(rows) if any(cell.strip() for cell in row)]
-    if len(numbered) < 3:
-        raise LogError(f"{file}: a header and at least two rows are wanted, there are {len(numbered)} lines")
-    header, numbered = [name.strip() for name in numbered[0][1]], numbered[1:]
+    sheet = Sheet(file, LogError)
+    if len(sheet.rows) < 2:
+        raise LogError(f"{file}: a header and at least two rows are wanted, there are {len(sheet.rows)} rows")
 
     def column(name: str, needed: bool = True) -> Array | None:
         """Values of a column, in rad if it is in degrees; None if it is neither there nor needed."""
         for found in (name, f"{name}_deg") if name in ANGLES else (name,):
             source, factor = where.get(found, Column(found))
-            if source in header:
+            if (place := sheet.find(source)) is not None:
                 break
             if found in where:
-                raise LogError(f"{file}: no column {source} for {found}; it has {', '.join(header)}")
+                raise LogError(f"{file}: no column {source} for {found}; it has {', '.join(sheet.header)}")
         else:
             if not needed:
                 return None
             also = f" or {name}_deg" if name in ANGLES else ""
-            raise LogError(f"{file}: no column {name}{also}; it has {', '.join(header)}")
-        place, values = header.index(source), np.empty(len(numbered))
-        for k, (line, row) in enumerate(numbered):
-            try:
-                values[k] = float(row[place])
-            except (ValueError, IndexError):
-                raise LogError(f"{file}: line {line}: {source} is not a number") from None
-            if not np.isfinite(values[k]):
-                raise LogError(f"{file}: line {line}: {source} = {values[k]}: leave out such rows")
-        return np.radians(factor * values) if found.endswith("_deg") else factor * values
+            raise LogError(f"{file}: no column {name}{also}; it has {', '.join(sheet.header)}")
+        if name == "t" and factor == 1.0:
+            return sheet.times(place)[0]
+        values = factor * sheet.numbers(place, QUANTITIES.get(found, "number"))
+        return np.radians(values) if found.endswith("_deg") else values
 
     columns = {name: column(name) for name in ("t", *CHANNELS, *action_names)}
     if (speed := column("wind_speed", needed=False)) is not None:
         columns |= {"wind_speed": speed, "wind_from": column("wind_from")}
-    return Table({k: v for k, v in columns.items() if v is not None}, lambda k: f"line {numbered[k][0]}")
+    return Table({k: v for k, v in columns.items() if v is not None}, lambda k: f"line {sheet.line(k)}")
 
 
 def _check_angles(file: Path, t: Array, motion: Array, parts: tuple[slice, ...]) -> None:
-    """Compare heading with course over ground, to find degrees and other frames."""
+    """Compare heading with course over ground, to find one that is not there, degrees and other frames."""
     headings, courses = [np.zeros(0)], [np.zeros(0)]
     for part in parts:
         n, e, psi, _ = motion[part].T
@@ -203,6 +203,10 @@ def _check_angles(file: Path, t: Array, motion: Array, parts: tuple[slice, ...])
     right, in_degrees, in_radians, enu = (
         complex(np.mean(np.exp(1j * x))) for x in (chi - psi, chi - np.radians(psi), chi - np.degrees(psi), chi + psi)
     )
+    frozen = bool(np.ptp(motion[:, HEADING]) == 0)
+    if frozen and abs(right) < STEADY:
+        raise LogError(f"{file}: heading is {np.degrees(psi[0]) % 360:g} degrees all the time, whatever the course "
+                       f"over ground: {NO_HEADING}")  # fmt: skip
     if abs(in_degrees) > max(CLEAR, abs(right) + CLEARER):
         raise LogError(
             f"{file}: heading looks like degrees, by the course over ground: name the column heading_deg (and yaw_rate "
@@ -217,18 +221,30 @@ def _check_angles(file: Path, t: Array, motion: Array, parts: tuple[slice, ...])
     aside = float(np.angle(right))
     if abs(right) > CLEAR and ASIDE[0] < abs(aside) < ASIDE[1]:
         side = "starboard" if aside > 0 else "port"
+        unmeasured = f". Or {NO_HEADING}" if frozen else ""
         raise LogError(
             f"{file}: the course over ground lies {np.degrees(abs(aside)):.0f} degrees to {side} of the heading, all "
-            "the time: is the heading counted from east (ENU)? Wanted is clockwise from north"
+            f"the time: is the heading counted from east (ENU)? Wanted is clockwise from north{unmeasured}"
         )
 
 
 def _check_rates(file: Path, t: Array, motion: Array, parts: tuple[slice, ...]) -> None:
-    """Compare the unwrapped heading with the yaw rate, to find degrees and wrong signs."""
+    """Compare the unwrapped heading with the yaw rate, to find one that is not there, degrees and wrong signs."""
+    steps = float(np.median(np.diff(t)))
     whole = [part for part in parts if part.stop - part.start >= 5]
     turning = np.concatenate([np.zeros(0), *(np.gradient(motion[part, HEADING], t[part]) for part in whole)])
     r = np.concatenate([np.zeros(0), *(motion[part, YAW_RATE] for part in whole)])
-    if not len(r) or np.sqrt(np.mean(r**2)) < 1e-3:
+    if not len(r):
+        return
+    turned = max(float(np.ptp(motion[part, HEADING])) for part in whole)
+    swung = max(float(np.ptp(np.cumsum(motion[part, YAW_RATE] * steps))) for part in whole)
+    if np.ptp(r) == 0 and turned > TURNS:
+        raise LogError(f"{file}: yaw_rate is {r[0]:g} all the time, while heading turns by {np.degrees(turned):.0f} "
+                       "degrees: there is no yaw rate in this log: give one that was measured")  # fmt: skip
+    if turned == 0 and swung > TURNS:
+        raise LogError(f"{file}: heading never changes, while yaw_rate turns it by {np.degrees(swung):.0f} degrees: "
+                       f"{NO_HEADING}")  # fmt: skip
+    if np.sqrt(np.mean(r**2)) < 1e-3:
         return
     slope = float(turning @ r / (r @ r))
     if abs(slope) > LARGE:

@@ -41,6 +41,7 @@ class Table(NamedTuple):
 
     columns: dict[str, Array]  # t, CHANNELS, the actions, and WIND if it was measured; all of one length
     place: Callable[[int], str]  # number of a sample -> where it is in the file
+    breaks: Array = np.empty(0)  # times at which the source of a column changes: a new part begins, s
 
 
 def held(t: Array, values: Array, at: Array) -> Array:

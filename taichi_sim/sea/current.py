@@ -24,7 +24,6 @@ from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import SlowVariation
 
 POWER = 1 / 7  # exponent of the tidal profile
-FASTEST = 10.0  # m/s; a series with a higher speed is refused
 STREAM = 0xC0  # separates the current's random numbers from those of the waves of the same seed
 
 
@@ -79,7 +78,7 @@ class Current:
         heading, speed = math.radians(self.config.direction_deg), self.config.speed
         mean = [speed * math.cos(heading), speed * math.sin(heading)]
         self._mean = torch.tensor(mean, dtype=run.torch_dtype, device=run.device).repeat(num_envs, 1)
-        self._series = Series(*read_series(self.config.series, fastest=FASTEST)) if self.config.series else None
+        self._series = Series(*read_series(self.config.series)) if self.config.series else None
         self._tide = Tide(self.config.tide) if self.config.tide else None
         self._steady = self._mean.clone()  # the steady part of the mean
         std, time_constant = self.config.std, self.config.time_constant

@@ -1,6 +1,7 @@
 """Current and wind over time: rows of a file, tides, and how a world follows them."""
 
 import math
+import time
 
 import numpy as np
 import pytest
@@ -9,6 +10,8 @@ import torch
 from taichi_sim.air import Wind
 from taichi_sim.air.wind import mean_wind
 from taichi_sim.config import AirConfig, ConfigError, CurrentConfig, SeaConfig
+from taichi_sim.config.columns import missing_mark
+from taichi_sim.config.series import read_series
 from taichi_sim.sea import Current
 from taichi_sim.world import World
 
@@ -124,3 +127,52 @@ def test_a_wrong_file_is_refused_by_its_line(tmp_path, text, parts):
 def test_what_contradicts_itself_is_refused(kind, data, part):
     with pytest.raises(ValueError, match=part):
         kind.model_validate(data)
+
+
+def test_what_a_file_states_of_its_times_and_units_is_used(tmp_path, monkeypatch):
+    """Every hour once across the end of summer time, whatever the machine's zone; seconds since 1970 begin at 0."""
+    monkeypatch.setenv("TZ", "Europe/Oslo")
+    time.tzset()
+    try:
+        naive = [f"2024-10-27 0{hour}:30" for hour in range(5)]
+        offset = ["2024-10-27T00:30Z", "2024-10-27T03:30+02:00", "2024-10-27 02:30+00:00"]
+        for stamps in (naive, offset, [str(1_730_000_000 + 3600 * k) for k in range(3)]):
+            text = "time,north,east\n" + "".join(f"{stamp},1,0\n" for stamp in stamps)
+            assert read_series(file(tmp_path, text))[0].tolist() == [3600.0 * k for k in range(len(stamps))]
+    finally:
+        monkeypatch.undo()
+        time.tzset()
+    text = "\ufefftime [min];speed (kn);direction_deg [rad]\n0;1,0;0,0\n10;2,5;1,5707963267948966\n"
+    found, velocity = read_series(file(tmp_path, text, "logger.csv"))
+    assert found.tolist() == [0.0, 600.0]
+    np.testing.assert_allclose(velocity, np.array([[1.0, 0.0], [0.0, 2.5]]) * 1852 / 3600, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("row", "part"),
+    [
+        ("600,1,999", "direction_deg = 999 marks a missing value: leave out"),
+        ("600,1,-9999", "direction_deg = -9999 marks"),
+        ("600,1,-361", "directions are from -360 to 360"),
+        ("600,99,90", "speed = 99 marks"),
+        ("600,9.96921e36,90", "allowed are 0 to 60"),
+        ("600,,90", "speed is not a number: ''"),
+        ("600,1_0,90", "'1_0'"),
+        ("2024-05-01,1,90", "numbers and dates are mixed"),
+        ("1714521600000,1,90", "no time in s"),
+        ("0,1,90", "is there twice"),
+        ("600,1,90,5", "4 cells under 3 names"),
+    ],
+)
+def test_what_marks_a_missing_value_is_none(tmp_path, row, part):
+    with pytest.raises(ConfigError, match=part) as caught:
+        read_series(file(tmp_path, f"time,speed,direction_deg\n0,6,90\n{row}\n1200,6,80\n"), blows_from=True)
+    assert "series.csv, line 3" in str(caught.value)
+
+
+def test_a_mark_that_its_neighbours_approach_is_a_value():
+    """A boat passes 99 m and 999 m from its start; a wind of 9.99 m/s follows one of 9.5."""
+    for values in ([98.0, 99.0, 100.0], [9.5, 9.99, 3.0], [0.0, 600.0, 999.0], [-31000.0, -32768.0]):
+        assert missing_mark(np.array(values)) is None
+    for values, k in (([6.0, 99.0, 7.0], 1), ([999.0, 999.0, 80.0], 0), ([99.0, 99.0], 0), ([0.1, -9.99], 1)):
+        assert missing_mark(np.array(values)) == k
