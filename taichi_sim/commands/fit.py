@@ -47,6 +47,7 @@ from taichi_sim.fit.table import CHANNELS, Source
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rigid_body import changed_mass
 from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof
+from taichi_sim.usv.vessel import Vessel
 from taichi_sim.vehicle import Vehicle, value_at
 from taichi_sim.vehicles import load_vehicle, vehicle_files
 
@@ -232,7 +233,7 @@ def _toml(value: Any) -> str:
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_toml, value))}]"
     if isinstance(value, float):
-        return f"{value:.8g}" if float(f"{value:.8g}") % 1 else f"{value:.1f}"
+        return repr(value)
     return json.dumps(value)
 
 
@@ -248,7 +249,9 @@ def values_of(
     model: Vehicle, keys: Sequence[str], numbers: Sequence[float], notes: Sequence[str]
 ) -> dict[str, tuple[Any, str]]:
     """What a vehicle file with these numbers says: key -> value and note. A published M_rb follows mass and CG."""
-    found: dict[str, tuple[Any, str]] = {key: (float(x), n) for key, x, n in zip(keys, numbers, notes, strict=True)}
+    found: dict[str, tuple[Any, str]] = {
+        key: (float(f"{x:.8g}"), n) for key, x, n in zip(keys, numbers, notes, strict=True)
+    }
     body = getattr(model.params, "rigid_body", None)
     if body is not None and body.M_rb is not None and any(key.startswith("rigid_body.") for key in keys):
         of = {key.removeprefix("rigid_body."): value for key, (value, _) in found.items()}
@@ -358,6 +361,8 @@ def run(args: argparse.Namespace) -> None:
     file = vehicle_file(TeamConfig(vehicle=str(args.vehicle)))
     changes = changes_of(args.overrides)
     model = load_vehicle(args.vehicle, **changes)
+    if not isinstance(model, Vessel):
+        raise ConfigError(f"{args.vehicle}: only vessels can be fitted")
     if args.synthetic is not None:
         factors = shares(args.factor, "--factor") or {numbers_of(model, args.numbers, args.vehicle)[0]: 1.0}
         asked = {"count": args.count, "seed": args.seed, "changes": changes}

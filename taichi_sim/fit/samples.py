@@ -16,6 +16,7 @@ from taichi_sim.fit.table import EAST, HEADING, NORTH, YAW_RATE, Array
 
 Mask = NDArray[np.bool_]
 SENSORS = {"position": [NORTH, EAST], "heading": [HEADING], "yaw rate": [YAW_RATE]}  # and their columns of a motion
+COARSE = 0.3  # changes of one step over all, from which a resolution is coarse
 CHANCE = 3.0  # repeats over those that a coarse resolution explains, from which a sensor is slower than the log
 QUIET = 0.2  # change after repeats over the usual one, below which the vessel is at rest
 FEW = 3  # repeats that are no sign of anything
@@ -91,9 +92,12 @@ def _repeats(values: Array, parts: Sequence[slice], round_: bool) -> tuple[Mask,
         return old, ""
     smallest = np.array([x[x > 0].min(initial=np.inf) for x in sizes[whole].T])
     near = (sizes <= 1.5 * smallest).all(axis=1) & whole & ~same
-    moves, after = whole & ~same, whole & ~same & np.r_[False, same[:-1]]
+    moves = whole & ~same
+    after = moves & np.r_[False, same[:-1]]
     resting = after.any() and np.median(sizes[after].max(axis=1)) < QUIET * np.median(sizes[moves].max(axis=1))
-    if not resting and same.sum() > FEW + CHANCE * near.sum() / (3 ** values.shape[1] - 1):
+    often = same.sum() > FEW + CHANCE * near.sum() / (3 ** values.shape[1] - 1)
+    coarse = near.sum() > COARSE * moves.sum() and not _regular(np.flatnonzero(moves))
+    if often and not resting and not coarse:
         old[1:] = same
         for part in parts:  # the first value of a part may be as old as a repeat
             changed = np.flatnonzero(~old[part][1:])
@@ -102,15 +106,20 @@ def _repeats(values: Array, parts: Sequence[slice], round_: bool) -> tuple[Mask,
     bend[1:-1] = np.abs(np.angle(np.exp(1j * np.diff(steps, axis=0))) if round_ else np.diff(steps, axis=0)).max(axis=1)
     typical, largest = np.median(bend[1:-1]), np.quantile(bend[1:-1], 0.95)
     knots = np.flatnonzero(bend > max(BENDS * largest, 3 * typical))
-    if typical < BENDS * largest and len(knots) > FEW:
-        apart = np.diff(knots)
-        usual = int(np.median(apart))
-        if usual > 1 and np.mean(apart == usual) > REGULAR:
-            lines = np.ones(len(old), dtype=bool)
-            lines[knots] = False
-            old |= lines
-            return old, "is drawn between others in"
+    if typical < BENDS * largest and _regular(knots):
+        lines = np.ones(len(old), dtype=bool)
+        lines[knots] = False
+        return old | lines, "is drawn between others in"
     return old, "repeats in"
+
+
+def _regular(places: NDArray[np.intp]) -> bool:
+    """Whether places are mostly equally far apart, and more than one sample."""
+    if len(places) <= FEW:
+        return False
+    apart = np.diff(places)
+    usual = int(np.median(apart))
+    return usual > 1 and float(np.mean(apart == usual)) > REGULAR
 
 
 def _fill(t: Array, motion: Array, new: Mask, parts: Sequence[slice]) -> None:
