@@ -54,6 +54,8 @@ CANDIDATES = 32  # draws from the priors for each further start
 SPREAD = 0.25  # largest deviation of the logarithm of a drawn number: beyond it, many vessels make no sense
 SAME = 0.1  # fractions of the priors' deviations within which two starts end at the same numbers
 LOST = 3.0  # a search this much less likely (logarithm) than the best one ended in a local minimum
+ANEW = 3  # how often windows are begun anew
+COSTLY, GAIN = 1.25, 1.0  # cost over that of most windows, from which they are; what must be gained
 UNLIKE = 3.0  # rms residual of a window over that of most, from which something happened to it
 LEAST_WINDOWS, SOME = 5, 0.1  # least number of windows for that, and the largest share that is left out
 AGAIN = 1.1  # widening of a channel's deviation from which the search goes on with it
@@ -214,20 +216,29 @@ def _tracks(
     ]
 
 
-def _begun_anew(
-    simulator: WindowSimulator, problem: Problem, point: Point, sigma: Array, which: list[int]
-) -> Point:  # fmt: skip
-    """The point with the first states of some windows searched again, from the data, and the better ones kept."""
-    part = Problem([problem.windows[k] for k in which], problem.interval, problem.logs)
-    begin = np.array([first_state(w, problem.interval) for w in part.windows])
-    [anew] = side_by_side(simulator, [search_first_states(part, point.phi, point.extra, begin, sigma)])
-    cost, cost_anew = (huber(left, sigma).sum(axis=(1, 2)) for left in (point.left[which], anew.left))
-    found = Point(*point[:2], *(x.copy() for x in point[2:]))
-    for k, better in enumerate(cost_anew < cost):
-        if better:
-            for mine, new in zip(found[2:], anew[2:], strict=True):
-                mine[which[k]] = new[k]
-    return found
+def _settled(simulator: WindowSimulator, problem: Problem, end: SearchEnd, prior: Array) -> SearchEnd:
+    """The end of a search whose windows of a high cost are begun anew from the data, as long as this helps.
+
+    The first state of a window may end in a local minimum, where few samples tell of it.
+    """
+    for _ in range(ANEW):
+        cost = huber(end.point.left, end.sigma).sum(axis=(1, 2)) / problem.new.sum(axis=(1, 2))
+        which = np.flatnonzero(cost > COSTLY * np.median(cost))
+        if not len(which):
+            break
+        part = Problem([problem.windows[k] for k in which], problem.interval, problem.logs)
+        begin = np.array([first_state(w, problem.interval) for w in part.windows])
+        of = search_first_states(part, end.point.phi, end.point.extra, begin, end.sigma)
+        [anew] = side_by_side(simulator, [of])
+        better = huber(anew.left, end.sigma).sum(axis=(1, 2)) < cost[which] * part.new.sum(axis=(1, 2)) - GAIN
+        if not better.any():
+            break
+        state = end.point.state.copy()
+        state[which[better]] = anew.state[better]
+        further = search(problem, end.point.phi, end.point.extra, state, prior, end.sigma)
+        [after] = side_by_side(simulator, [further])
+        end = after._replace(rounds=after.rounds + end.rounds)
+    return end
 
 
 def _unlike(problem: Problem, end: SearchEnd, logs: Sequence[Log], seconds: float) -> dict[int, str]:
@@ -290,10 +301,9 @@ def fit(
         raise LogError(f"{samples} measured values for {unknown} unknowns: give longer logs, or fewer --numbers")
     clock = time.perf_counter()
     problem, ends = _searched(simulator, used, logs, prior, seconds, starts)
-    took, end, unlike = time.perf_counter() - clock, ends[0], _unlike(problem, ends[0], logs, seconds)
-    if unlike:  # a local minimum of an initial state looks like this too
-        end = end._replace(point=_begun_anew(simulator, problem, end.point, end.sigma, list(unlike)))
-        unlike = _unlike(problem, end, logs, seconds)
+    end = _settled(simulator, problem, ends[0], prior)
+    took, unlike = time.perf_counter() - clock, _unlike(problem, end, logs, seconds)
+    if unlike:
         kept = [k for k in range(len(used)) if k not in unlike]
         used, problem = [used[k] for k in kept], Problem([used[k] for k in kept], interval, len(logs))
         [end] = side_by_side(simulator, [search(problem, *end.point[:2], end.point.state[kept], prior, end.sigma)])
@@ -305,12 +315,6 @@ def fit(
     best = ends[0].log_likelihood(prior)
     others = [Start(f.point.phi, best - f.log_likelihood(prior)) for f in _distinct(ends, prior)]
     normal = normal_equations(problem, point, prior, sigma)
-    if _odd(normal, prior):
-        # a local minimum of an initial state looks like this too
-        point = _begun_anew(simulator, problem, point, sigma, list(range(len(used))))
-        further = search(problem, *point[:3], prior, sigma)
-        [(point, sigma, again, _)] = side_by_side(simulator, [further])
-        normal, rounds = normal_equations(problem, point, prior, sigma), rounds + again
     extra = point.extra
     covariance = np.linalg.inv(normal.S)
     deviation, nominal = np.sqrt(np.diag(covariance)), simulator.nominal
