@@ -1,11 +1,14 @@
 """Numbers from logs: known numbers come back, what data do not tell is said, and bad logs are told."""
 
 import csv
+import glob
 import re
+import shlex
 import struct
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,10 +17,15 @@ from rosbags.typesys import Stores, get_typestore
 from test_recording import make_episode
 
 from taichi_sim.commands import fit as command
-from taichi_sim.fit.estimate import Start, _directions, _given_the_rest, fit
+from taichi_sim.config import TeamConfig
+from taichi_sim.config.io import vehicle_file
+from taichi_sim.fit.dependence import spreads
+from taichi_sim.fit.estimate import Fit, Start, Tested, _directions, _given_the_rest, fit
 from taichi_sim.fit.log import read_columns, read_log
+from taichi_sim.fit.samples import inspected
+from taichi_sim.fit.search import delayed
 from taichi_sim.fit.synthetic import write_logs
-from taichi_sim.fit.table import LogError, Source
+from taichi_sim.fit.table import LogError, Source, drawn_means, held_means
 from taichi_sim.fit.windows import windows_of
 from taichi_sim.recording.ros import write_mcap
 from taichi_sim.vehicles import load_vehicle
@@ -343,11 +351,13 @@ def test_a_dataflash_log_holds_the_same_log(logs, tmp_path):
     np.testing.assert_allclose(found.motion[:, [0, 1, 3]], plain.motion[kept][:, [0, 1, 3]], atol=1e-5)  # float32
     turned = np.angle(np.exp(1j * (found.motion[:, 2] - plain.motion[kept, 2])))
     np.testing.assert_allclose(turned, 0.0, atol=np.radians(0.0051))
-    np.testing.assert_allclose(found.actions, plain.actions[kept], atol=0.003)  # whole microseconds
+    middle = 0.5 * (plain.actions[:-1] + plain.actions[1:])  # samples of a signal: means over the intervals after them
+    inside = np.flatnonzero(np.diff(kept) == 1)
+    np.testing.assert_allclose(found.actions[inside], middle[kept[inside]], atol=0.003)  # whole microseconds
     bare = _dataflash(tmp_path / "bare.BIN", plain, parameters={})
-    np.testing.assert_allclose(read_log(bare, model).actions[:, 1], -0.8 * plain.actions[:, 1], atol=0.003)
+    np.testing.assert_allclose(read_log(bare, model).actions[:-1, 1], -0.8 * middle[:, 1], atol=0.003)
     asked = read_log(bare, model, Source(channels="helm=-1"))
-    np.testing.assert_allclose(asked.actions[:, 1], 0.8 * plain.actions[:, 1], atol=0.003)
+    np.testing.assert_allclose(asked.actions[:-1, 1], 0.8 * middle[:, 1], atol=0.003)
 
 
 def test_bad_dataflash_logs_are_told(logs, tmp_path, monkeypatch):
@@ -358,6 +368,9 @@ def test_bad_dataflash_logs_are_told(logs, tmp_path, monkeypatch):
     two = {"SERVO1_FUNCTION": 70, "SERVO2_FUNCTION": 70, "SERVO3_FUNCTION": 26}
     with pytest.raises(LogError, match="2 servo outputs have the function 70 of ahead: name its channel"):
         read_log(_dataflash(tmp_path / "two.bin", plain, parameters=two), model)
+    skid = {"SERVO1_FUNCTION": 73, "SERVO3_FUNCTION": 74}
+    with pytest.raises(LogError, match="it has two throttles, 73 and 74: give --set 'actions=\"left_right\"'"):
+        read_log(_dataflash(tmp_path / "skid.bin", plain, parameters=skid), model)
     ends = {"SERVO1_MIN": 1600, "SERVO1_FUNCTION": 26, "SERVO3_FUNCTION": 70}
     with pytest.raises(LogError, match="SERVO1_MIN, _TRIM, _MAX are 1600, 1500, 2000: they must increase"):
         read_log(_dataflash(tmp_path / "ends.bin", plain, parameters=ends), model)
@@ -444,7 +457,7 @@ def test_too_few_samples_are_told(tmp_path, capsys):
     file = write_logs("otter_3dof", {"X_u": 1.0}, tmp_path, count=1, seconds=12.0)[0]
     few = _changed(file, tmp_path / "few.csv", lambda rows: rows[::10])
     assert command.main(["otter_3dof", str(few)]) == 2
-    assert "measured values for 19 unknowns" in capsys.readouterr().err
+    assert "measured values for 22 unknowns" in capsys.readouterr().err
     assert command.main(["otter_3dof", str(few), "--window", "60"]) == 2
     assert "few.csv: no log has 60 s without a gap" in capsys.readouterr().err
     assert command.main(["otter_3dof", str(file), "--test", str(file)]) == 2
@@ -453,6 +466,8 @@ def test_too_few_samples_are_told(tmp_path, capsys):
     assert "--prior mas: it is not fitted; fitted are mass, I_z" in capsys.readouterr().err
     assert command.main(["otter_3dof", str(file), "--out", "nowhere/mine.toml"]) == 2
     assert "there is no folder nowhere" in capsys.readouterr().err
+    assert command.main(["otter_3dof", str(file), "--report", str(tmp_path)]) == 2
+    assert "cannot be written: Is a directory" in capsys.readouterr().err
     (tmp_path / "flight.bin").write_bytes(b"\xa3\x95\x80\xff")
     assert command.main(["otter_3dof", str(tmp_path / "flight.bin")]) == 2
     assert "0 messages XKF1" in capsys.readouterr().err
@@ -477,8 +492,226 @@ def test_the_command_makes_logs_fits_them_and_writes_a_file(capsys, tmp_path):
     assert "sha256" in out.read_text() and "95 %:" in out.read_text()
 
 
+def test_slow_late_and_jumping_positions_keep_the_intervals(logs, tmp_path, capsys):
+    """Positions at 1 Hz in rows at 10 Hz, 0.2 s late, and one jump of 5 m: the numbers and the delay come back."""
+
+    def change(jump):
+        def slow(rows):
+            places = [(float(r["north"]), float(r["east"])) for r in rows]
+            for k, row in enumerate(rows):
+                north, east = places[max(k - 2, 0) // 10 * 10]
+                row["north"], row["east"] = north + (jump if k >= 202 else 0.0), east
+
+        return slow
+
+    model = load_vehicle("otter_3dof")
+    files = [_changed(f, tmp_path / f.name, change(5.0 if k == 1 else 0.0)) for k, f in enumerate(logs)]
+    read = [read_log(file, model) for file in files]
+    assert all("position repeats in 36" in log.notes[0] and "new ones are 1 s apart" in log.notes[0] for log in read)
+    assert [len(log.parts) for log in read] == [1, 2, 1]
+    assert float(re.fullmatch(r"position jumps by (\S+) m at 20.2 s: .*", read[1].notes[1])[1]) == pytest.approx(
+        5, abs=2
+    )
+    found = fit("otter_3dof", read, dict.fromkeys(FACTORS, 0.4), starts=1)
+    true = found.nominal * list(FACTORS.values())
+    half = 0.5 * (found.high - found.low)
+    assert (np.abs(found.values - true) < 1.5 * half).all()  # three deviations
+    assert found.sigma == pytest.approx([0.1, 0.1, np.radians(0.5), np.radians(0.2)], rel=0.25)
+    late, deviation = found.delays - [0.2, 0.0, 0.0], found.delay_deviations
+    assert (np.abs(late) < 3.5 * deviation).all() and (deviation < 0.06).all()
+    assert any("behind the commands are position +0." in line for line in command.of_delays(found, read))
+
+
+def _walk(rng, samples, constant):
+    """Noise of deviation 1 with the autocorrelation exp(-lag / constant) [.., samples]."""
+    share = np.exp(-1 / constant)
+    noise = rng.normal(size=samples)
+    for k in range(1, samples[-1]):
+        noise[..., k] = share * noise[..., k - 1] + np.sqrt(1 - share**2) * noise[..., k]
+    return noise
+
+
+def test_dependent_residuals_widen_as_the_variance_of_a_mean_says():
+    """The number is a constant: the mean of n samples has the variance (1 + 2 sum (1 - k/n) rho_k) / n."""
+    rng, windows, n = np.random.default_rng(1), 150, 60
+    left = rng.normal(size=(windows, n, 4))
+    left[..., 0] = _walk(rng, (windows, n), 5.0)
+    left[..., 1] = 0.8 * left[..., 1] + 0.6 * _walk(rng, (windows, n), 5.0)
+    slope = np.zeros((windows, n, 4, 1 + 7 + 6))
+    slope[..., 0] = 1.0
+    new = np.ones(left.shape, dtype=bool)
+    problem = SimpleNamespace(new=new, of=np.zeros(windows, int))
+    point = SimpleNamespace(left=left, slope=slope, phi=np.zeros(1))
+    m = 7 + 6 * windows
+    normal = SimpleNamespace(blocks=[(0, np.arange(windows), np.zeros((1, m)), np.eye(m), np.zeros(m))])
+    k = np.arange(1, n)
+    more = 2 * np.sum((1 - k / n) * np.exp(-k / 5.0))
+    assert spreads(problem, point, normal, np.ones(4)) == pytest.approx(
+        np.sqrt([1 + more, 1 + 0.36 * more, 1.0, 1.0]), rel=0.1
+    )
+
+
+def test_a_delayed_motion_is_that_of_an_earlier_time():
+    """Cubics through values and central differences reproduce parabolas; beyond the ends, lines."""
+    t = np.arange(12.0)
+    motion = np.stack([t**2, 3 * t, t**2 - t, 2 - t], 1)[None]
+    late = np.array([[0.3, -0.6, 1.2]])
+    found = delayed(motion, late)[0]
+    at = t[:, None] - late[0][[0, 0, 1, 2]]
+    there = np.stack([at[:, 0] ** 2, 3 * at[:, 1], at[:, 2] ** 2 - at[:, 2], 2 - at[:, 3]], 1)
+    np.testing.assert_allclose(found[3:9], there[3:9], atol=1e-12)
+    np.testing.assert_allclose(found[:, [1, 3]], there[:, [1, 3]], atol=1e-12)
+
+
+def test_means_of_commands():
+    """A step of a held command at 0.25 s; a ramp, whose mean over an interval is its middle."""
+    begin, end = np.array([0.0, 0.1, 0.2]), np.array([0.1, 0.2, 0.3])
+    t = np.array([0.0, 0.25])
+    np.testing.assert_allclose(held_means(t, np.array([1.0, 3.0]), begin, end), [1.0, 1.0, 2.0])
+    t = np.array([-0.03, 0.04, 0.13, 0.3])
+    np.testing.assert_allclose(drawn_means(t, 2 * t, begin, end), [0.1, 0.3, 0.5], atol=1e-12)
+
+
+def _held(columns, times):
+    def change(motion):
+        k = np.arange(len(motion)) // times * times
+        motion[:, columns] = motion[k][:, columns]
+
+    return change
+
+
+def _drawn(columns, times):
+    def change(motion):
+        k, knots = np.arange(len(motion)), np.arange(0, len(motion), times)
+        for c in columns:
+            motion[:, c] = np.interp(k, knots, motion[knots, c])
+
+    return change
+
+
+def _off(column, size, last=None):
+    def change(motion):
+        motion[100:last, column] += size
+
+    return change
+
+
+def _rounded(column, step):
+    def change(motion):
+        motion[:, column] = np.round(motion[:, column] / step) * step
+
+    return change
+
+
+def _through_north(motion):
+    """A heading that passes north between two samples, between which one was drawn as a number."""
+    heading = motion[:, 2] % (2 * np.pi)
+    k = int(np.flatnonzero(np.abs(np.diff(heading)) > np.pi)[0])
+    heading[k] = 0.5 * (heading[k - 1] + heading[k + 1])
+    motion[:, 2] = heading
+
+
+@pytest.mark.parametrize(("change", "new", "parts", "told"), [
+    (lambda motion: None, [300] * 4, 1, []),
+    (_held([0, 1], 10), [29, 29, 300, 300], 1, ["position repeats in 271 of 300 rows, new ones are 1 s apart"]),
+    (_held([2], 5), [300, 300, 59, 300], 1, ["heading repeats in 241"]),
+    (_held([0, 1, 2, 3], 2), [149] * 4, 1, ["position repeats", "heading repeats", "yaw rate repeats"]),
+    (_drawn([0, 1], 10), [29, 29, 300, 300], 1, ["position is drawn between others in 271 of 300 rows"]),
+    (_rounded(2, np.radians(1.0)), [300] * 4, 1, []),  # a coarse compass is no slow one
+    (_rounded(3, 0.01), [300] * 4, 1, []),
+    (_off(0, 5.0), [300] * 4, 2, [r"position jumps by (4|5)\S* m at 10 s: no window spans it"]),
+    (_off(1, -40.0, 101), [299, 299, 300, 300], 1, [r"position is off by (39|40)\S* m at 10 s, and back 0.1 s later"]),
+    (_off(2, 0.5), [300] * 4, 1, ["heading jumps by 28 deg at 10 s", "only 10 to 29.9 s is used"]),
+    (_off(2, 0.5, 103), [300, 300, 297, 300], 1, ["heading is off by .* deg at 10 s, and comes back"]),
+    (_off(3, 1.0, 101), [300] * 4, 1, []),  # a spike of the gyro is an outlier of its own
+    (_through_north, [300, 300, 299, 300], 1, ["heading goes the wrong way round at .* .interpolated through north"]),
+])  # fmt: skip
+def test_repeats_and_jumps_are_found(change, new, parts, told):
+    """A circle at 1 m/s and 0.3 rad/s in white noise, 30 s at 10 Hz."""
+    t, noise = 0.1 * np.arange(300), np.random.default_rng(2).normal(size=(300, 4))
+    psi = 0.3 * t + 0.5
+    plain = np.stack([np.sin(psi) / 0.3, -np.cos(psi) / 0.3, psi, np.full(300, 0.3)], 1)
+    motion = plain + noise * [0.1, 0.1, np.radians(0.5), np.radians(0.2)]
+    change(motion)
+    found = inspected(t, motion, (slice(0, 300),))
+    assert found.new.sum(axis=0).tolist() == new and len(found.parts) == parts
+    assert len(found.notes) == len(told)
+    assert all(re.search(a, b) for a, b in zip(told, found.notes, strict=True)), found.notes
+    if "jumps" not in str(told):
+        assert np.abs(found.motion[:, 2] - plain[:, 2] - found.motion[0, 2] + plain[0, 2]).max() < 0.4
+
+
+def test_a_vehicle_file_takes_elements_new_keys_and_changes(tmp_path):
+    """Elements of lists, a key that the file lacks, a published M_rb that follows the mass, and what --set changed."""
+    changes = {"actions": "left_right"}
+    model, file = load_vehicle("otter", **changes), vehicle_file(TeamConfig(vehicle="otter"))
+    keys = ("rigid_body.mass", "hydrodynamics.linear.0", "thrusters.gain_left")
+    out = tmp_path / "mine.toml"
+    command.check_out(out, file, model, keys, changes)
+    assert not list(tmp_path.iterdir())
+    found = SimpleNamespace(keys=keys, values=[84.0, 70.0, 0.9], low=[1.0] * 3, high=[2.0] * 3, told=[True] * 3)
+    command.save(out, file, model, found, [], changes)
+    mine = load_vehicle(out)
+    assert [mine.nominal[key] for key in keys] == pytest.approx([84.0, 70.0, 0.9])
+    assert mine.params.rigid_body.M_rb[2][2] == pytest.approx(84.0)
+    assert mine.action_names == ("left", "right")
+    assert mine.params.hydrodynamics.linear[1:] == model.params.hydrodynamics.linear[1:]
+
+
+def _stand_in(file):
+    """A log of a tanker as FRT-DS-ESSO has them, of 48 s: a turn to starboard in a calm, with some noise."""
+    rng, t = np.random.default_rng(sum(file.name.encode())), 0.1 * np.arange(480)
+    psi = 0.05 * t
+    columns = {
+        "t [s]": t, "x_position_mid [m]": 8 * np.sin(psi), "y_position_mid [m]": 8 * (1 - np.cos(psi)),
+        "psi_hat [rad]": psi, "r_angvelo [rad/s]": 0.05 + 0 * t, "n_prop [rps]": 10 + 0 * t,
+        "delta_rudder [rad]": 0.3 + 0 * t, "wind_velo_true [m/s]": 0 * t, "wind_dir_true [rad]": 0 * t,
+    }  # fmt: skip
+    noise = {name: 1e-3 * rng.normal(size=len(t)) for name in list(columns)[1:5]}
+    rows = np.stack([values + noise.get(name, 0.0) for name, values in columns.items()], 1)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text("\n".join([",".join(columns), *(",".join(map(repr, row)) for row in rows.tolist())]))
+
+
+def _unfitted(vehicle, logs, priors, changes=None, tests=(), **_):
+    """A result without a search."""
+    keys, n = tuple(priors), len(priors)
+    ones, nominal = np.ones(n), np.array([load_vehicle(vehicle, **dict(changes or {})).nominal[key] for key in keys])
+    return Fit(
+        keys, nominal, nominal, 0.9 * nominal, 1.1 * nominal, ones > 0, np.eye(n), np.ones(4), np.ones(4),
+        np.zeros((len(logs), 2)), np.zeros((len(logs), 3)), np.ones((len(logs), 3)), [], 1.0, 1.0, 1, {}, [], [],
+        [Start(0 * ones, 0.0)], 1, 0.0, [Tested(log, np.zeros(2), np.ones(4), np.ones(4), []) for log in tests],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("searches", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_the_commands_of_the_page_run(searches, tmp_path, monkeypatch, capsys):
+    """docs/fit.md: every `taichi-sim fit` as it is written, with small stand-ins for data; slow: with searches."""
+    page = (Path(__file__).parents[1] / "docs" / "fit.md").read_text()
+    monkeypatch.chdir(tmp_path)
+    if not searches:
+        monkeypatch.setattr(command, "fit", _unfitted)
+    for name, first in (("columns.toml", 't = "t [s]"'), ("esso_osaka.toml", "# Esso Osaka")):
+        [block] = [x for x in re.findall(r"^```toml\n(.*?)^```$", page, re.M | re.S) if x.startswith(first)]
+        Path(name).write_text(block)
+    lines = re.sub(r"\\\n\s*", "", "\n".join(re.findall(r"^```sh\n(.*?)^```$", page, re.M | re.S))).splitlines()
+    fits = [shlex.split(x, comments=True)[2:] for x in lines if x.startswith("taichi-sim fit")]
+    assert len(fits) == 4
+    for word in (word for words in fits for word in words if word.startswith("$d")):
+        _stand_in(Path(re.sub(r"\[(.).*\]", r"\1", word.replace("$d", "data"))))
+    rest = np.random.default_rng(0).normal(size=(200, 4)) * 1e-4
+    still = SimpleNamespace(motion=rest, actions=np.tile([-1.0, 0.0], (200, 1)))
+    _dataflash(Path("00000012.bin"), still, parameters={"SERVO1_FUNCTION": 73, "SERVO3_FUNCTION": 74})
+    for words in fits:
+        given = [word.replace("$d", "data") for word in words]
+        given = [name for word in given for name in (sorted(glob.glob(word)) or [word])]
+        assert command.main(given + ["--count", "2"] * ("--synthetic" in words)) == 0, (given, capsys.readouterr().err)
+    assert all(Path(name).is_file() for name in ("mine.toml", "fit.html", "fitted.toml", "esso.html"))
+
+
 @pytest.mark.parametrize(("words", "told"), [
     ("otter_3dof", "no logs"),
+    ("x500 nolog.bin --numbers mass", "only vessels can be fitted"),
     ("otter_3dof nolog.csv", "No such file"),
     ("otter_3dof --synthetic x --factor X_u", "expected KEY=NUMBER"),
     ("otter", "no logs"),

@@ -91,7 +91,7 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: list[str] | None = None) -> None:
     """Run the command."""
-    args = parser().parse_args(argv)
+    args = parser().parse_intermixed_args(argv)
     from rl import cli
 
     cli.start(args)

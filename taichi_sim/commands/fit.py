@@ -7,6 +7,7 @@
     taichi-sim fit otter_3dof logs/*.csv --prior mass=0.02 --out mine.toml --report fit.html
     taichi-sim fit otter_3dof run.mcap --name usv_0 --test other.mcap
     taichi-sim fit mine.toml 00000012.bin --channels left=1,right=3
+    taichi-sim fit otter 00000012.bin --set 'actions="left_right"' --numbers rigid_body.mass,hydrodynamics.linear.0
 
 VEHICLE is a vehicle file, or the name of a shipped one: its numbers are the first guess. LOG is one of
 
@@ -22,23 +23,33 @@ Exit status: 0 done, 2 bad input.
 
 import argparse
 import datetime
+import json
 import re
+import shutil
 import sys
+import tempfile
+import tomllib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from taichi_sim.commands.trials import changes_of
 from taichi_sim.config import ConfigError, TeamConfig
 from taichi_sim.config.base import MissingExtraError
 from taichi_sim.config.io import vehicle_file
 from taichi_sim.fit.estimate import LOST, STARTS, Fit, fit
 from taichi_sim.fit.log import Log, read_columns, read_log
+from taichi_sim.fit.samples import SENSORS
 from taichi_sim.fit.synthetic import write_logs
-from taichi_sim.fit.table import Source
+from taichi_sim.fit.table import CHANNELS, Source
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.rigid_body import changed_mass
 from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof
-from taichi_sim.vehicle import Vehicle
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.usv.vessel import Vessel
+from taichi_sim.vehicle import Vehicle, value_at
+from taichi_sim.vehicles import load_vehicle, vehicle_files
 
 PRIOR = 0.4  # prior standard deviation of a number's logarithm; assumed
 PRIORS = {"mass": 0.02}  # a vessel can be weighed; assumed
@@ -46,6 +57,7 @@ USUAL: dict[type[Vehicle], tuple[str, ...]] = {
     Manoeuvring3dof: ("mass", "I_z", "X_u", "X_uu", "X_uuu", "Y_v", "Y_vv", "N_r", "N_rr", "surge_force_max",
                       "yaw_moment_max"),
 }  # fmt: skip
+SEEN, DELAY = 3.0, 0.005  # a delay is reported from this many deviations, and this many seconds, on
 CLOSE = 0.95  # correlations of two numbers above this are reported
 
 
@@ -103,6 +115,7 @@ def lines(found: Fit, logs: list[Log]) -> list[str]:
     for log, (north, east) in zip(logs, found.currents, strict=True):
         towards = np.degrees(np.arctan2(east, north)) % 360
         told.append(f"  {log.name}: current {np.hypot(north, east):.2f} m/s to {towards:.0f} deg")
+    told += [f"  {line}" for line in (*of_delays(found, logs), *of_dependence(found), *found.left_out)]
     if found.odd:
         told.append("  logs of one boat would not ask for such different numbers (another boat, load or sea?):")
     for log, change in found.odd.items():
@@ -112,6 +125,23 @@ def lines(found: Fit, logs: list[Log]) -> list[str]:
     for test in found.tests:
         told.append(f"  test {test.log.name}: {_rms(test.by_file)} by the file, {_rms(test.by_fit)} by the fit")
     return told
+
+
+def of_delays(found: Fit, logs: Sequence[Log]) -> list[str]:
+    """A line for each log whose instruments are early or late."""
+    told = []
+    for log, delays, deviations in zip(logs, found.delays, found.delay_deviations, strict=True):
+        seen = [f"{name} {delay:+.3f} s" for name, delay, deviation in zip(SENSORS, delays, deviations, strict=True)
+                if abs(delay) > max(SEEN * deviation, DELAY)]  # fmt: skip
+        if seen:
+            told.append(f"{log.name}: behind the commands are {', '.join(seen)}")
+    return told
+
+
+def of_dependence(found: Fit) -> list[str]:
+    """A line on channels whose residuals depend on each other."""
+    wide = [f"{name} {x:.2f}" for name, x in zip(CHANNELS, found.spread, strict=True) if x > 1.05]
+    return [f"residuals depend on those before them; their deviations count times {', '.join(wide)}"] if wide else []
 
 
 def of_held_out(found: Fit) -> str:
@@ -150,30 +180,142 @@ def of_starts(found: Fit) -> list[str]:
     return lines
 
 
-def written(file: Path, found: Fit, logs: list[Log]) -> str:
-    """The text of a vehicle file with the fitted numbers, their intervals and where they come from.
+def written(file: Path, values: Mapping[str, tuple[Any, str]]) -> str:
+    """The text of a vehicle file with `values`: key -> value, and what to say of it.
 
     Raises:
-        ConfigError: for a number that the text does not have on a line of its own.
+        ConfigError: for a number whose place in the text is not found.
     """
     text = file.read_text(encoding="utf-8")
-    today = datetime.date.today().isoformat()
-    for key, value, low, high, known in zip(found.keys, found.values, found.low, found.high, found.told, strict=True):
-        if not known:
+    for key, (value, note) in values.items():
+        *sections, last = key.split(".")
+        if last.isdigit():  # an element of a list
+            *sections, last = sections
+            whole = list(value_at(tomllib.loads(text), ".".join([*sections, last])))
+            whole[int(key.rpartition(".")[2])] = value
+            value = whole
+        text = _put(text, ".".join(sections), last, f"{last} = {_toml(value)}{f'  # {note}' if note else ''}")
+        try:
+            found = value_at(tomllib.loads(text), ".".join([*sections, last]))
+        except (tomllib.TOMLDecodeError, KeyError, TypeError):
+            found = None
+        if found is None or _toml(found) != _toml(value):
+            raise ConfigError(f"{file}: no line {last} = ... under [{'.'.join(sections)}] to write {key} into: give it "
+                              "one, or leave out --out")  # fmt: skip
+    return text
+
+
+def _put(text: str, section: str, key: str, line: str) -> str:
+    """The text of a TOML file with `line` in the place of a section's `key`, or after the section's header."""
+    begin, end = 0, len(text)
+    if section:
+        header = re.search(rf"^\[{re.escape(section)}\][^\n]*\n?", text, re.M)
+        if header is None:
+            return f"{text.rstrip()}\n\n[{section}]\n{line}\n"
+        begin = header.end()
+    if following := re.compile(r"^\[", re.M).search(text, begin):
+        end = following.start()
+    found = re.compile(rf"^{re.escape(key)}[ \t]*=[ \t]*", re.M).search(text, begin, end)
+    if found is None:
+        return f"{text[:begin]}{line}\n{text[begin:]}"
+    last, depth = found.end(), 0
+    while last < end and (depth or text[last] != "\n"):
+        if text[last] == "#":
+            last = text.find("\n", last) % (len(text) + 1)
             continue
-        section, _, last = key.rpartition(".")
-        start = 0
-        if section:
-            place = re.search(rf"^\[{re.escape(section)}\]", text, re.M)
-            start = place.end() if place else len(text)
-        line = re.compile(rf"^({re.escape(last)}\s*=\s*)[-+0-9.eE_]+[^\n]*$", re.M)
-        match = line.search(text, start)
-        if match is None:
-            raise ConfigError(f"{file}: no line {last} = ... to write {key} into")
-        new = f"{match[1]}{value:.8g}  # fitted {today}; 95 %: {low:.5g} to {high:.5g}"
-        text = text[: match.start()] + new + text[match.end() :]
+        depth += {"[": 1, "]": -1}.get(text[last], 0)
+        last += 1
+    return text[: found.start()] + line + text[last:]
+
+
+def _toml(value: Any) -> str:
+    """A value of a vehicle file as TOML."""
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, float):
+        return repr(value)
+    return json.dumps(value)
+
+
+def _flat(changes: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    """Changed values by their whole keys."""
+    found = {}
+    for key, value in changes.items():
+        found |= _flat(value, f"{before}{key}.") if isinstance(value, dict) else {f"{before}{key}": value}
+    return found
+
+
+def values_of(
+    model: Vehicle, keys: Sequence[str], numbers: Sequence[float], notes: Sequence[str]
+) -> dict[str, tuple[Any, str]]:
+    """What a vehicle file with these numbers says: key -> value and note. A published M_rb follows mass and CG."""
+    found: dict[str, tuple[Any, str]] = {
+        key: (float(f"{x:.8g}"), n) for key, x, n in zip(keys, numbers, notes, strict=True)
+    }
+    body = getattr(model.params, "rigid_body", None)
+    if body is not None and body.M_rb is not None and any(key.startswith("rigid_body.") for key in keys):
+        of = {key.removeprefix("rigid_body."): value for key, (value, _) in found.items()}
+        cg = tuple(of.get(f"cg.{k}", body.cg[k]) for k in range(3))
+        other = body.model_copy(update={"mass": of.get("mass", body.mass), "cg": cg})
+        M = changed_mass(body.M_rb, body.mass, body.cg, other.mass, other.cg)
+        found["rigid_body.M_rb"] = ([[float(x) for x in row] for row in M], "follows mass and CG")
+    return found
+
+
+def save(
+    out: Path, file: Path, model: Vehicle, found: Fit, logs: Sequence[Log], changes: Mapping[str, Any]
+) -> None:  # fmt: skip
+    """Write a vehicle file with the fitted numbers, their intervals and where they come from; print what is written."""
+    today = datetime.date.today().isoformat()
+    known = [k for k, told in enumerate(found.told) if told]
+    notes = [f"fitted {today}; 95 %: {found.low[k]:.5g} to {found.high[k]:.5g}" for k in known]
+    fitted = values_of(model, [found.keys[k] for k in known], [found.values[k] for k in known], notes)
+    text = written(file, {key: (value, "") for key, value in _flat(changes).items()} | fitted)
     of = "".join(f"#   {log.name}, sha256 {log.digest}\n" for log in logs)
-    return f"# Numbers marked as fitted are of {today}, from\n{of}{text}"
+    for beside in vehicle_files(file)[1:]:
+        if not (copy := out.parent / beside.name).exists():
+            print(shutil.copy(beside, copy))
+    out.write_text(f"# Numbers marked as fitted are of {today}, from\n{of}{text}", encoding="utf-8")
+    load_vehicle(out)
+    print(out)
+
+
+def check_out(out: Path, file: Path, model: Vehicle, keys: Sequence[str], changes: Mapping[str, Any]) -> None:
+    """Before the search: whether a vehicle file with fitted `keys` can be written to `out` and read again.
+
+    Raises:
+        ConfigError: if not.
+    """
+    check_target(out)
+    nominal = values_of(model, keys, [model.nominal[key] for key in keys], [""] * len(keys))
+    text = written(file, {key: (value, "") for key, value in _flat(changes).items()} | nominal)
+    with tempfile.TemporaryDirectory() as folder:
+        for beside in vehicle_files(file)[1:]:
+            shutil.copy(beside, folder)
+        trial = Path(folder) / f"{out.stem}.toml"
+        trial.write_text(text, encoding="utf-8")
+        again = load_vehicle(trial, source=file)
+    for key in keys:
+        if not np.isclose(again.nominal[key], model.nominal[key], rtol=1e-6):
+            raise ConfigError(f"{file}: {key} = {model.nominal[key]:g} is {again.nominal[key]:g} after writing it: it "
+                              "follows from other keys; leave out --out")  # fmt: skip
+
+
+def check_target(target: Path) -> None:
+    """Whether a file can be written.
+
+    Raises:
+        ConfigError: if not.
+    """
+    if not target.parent.is_dir():
+        raise ConfigError(f"{target}: there is no folder {target.parent}")
+    try:
+        with target.open("ab"):
+            made = target.stat().st_size == 0
+        if made:
+            target.unlink()
+    except OSError as error:
+        raise ConfigError(f"{target}: cannot be written: {error.strerror or error}") from None
 
 
 def parser() -> argparse.ArgumentParser:
@@ -187,6 +329,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--numbers", default="", metavar="KEY,...", help="numbers to fit [the usual ones of the model]")
     p.add_argument("--prior", action="append", default=[], metavar="KEY=SHARE",
                    help=f"how well it is known beforehand [{PRIOR:g}; mass {PRIORS['mass']:g}]")  # fmt: skip
+    p.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE",
+                   help="override KEY or SECTION.KEY of the vehicle file; several times")  # fmt: skip
     p.add_argument("--window", type=float, default=6.0, metavar="S", help="length of a simulated window [6]")
     p.add_argument("--starts", type=int, default=STARTS, metavar="N",
                    help=f"searches, all but one from draws of the priors [{STARTS}]")  # fmt: skip
@@ -215,10 +359,14 @@ def run(args: argparse.Namespace) -> None:
         ConfigError: for bad input.
     """
     file = vehicle_file(TeamConfig(vehicle=str(args.vehicle)))
-    model = load_vehicle(args.vehicle)
+    changes = changes_of(args.overrides)
+    model = load_vehicle(args.vehicle, **changes)
+    if not isinstance(model, Vessel):
+        raise ConfigError(f"{args.vehicle}: only vessels can be fitted")
     if args.synthetic is not None:
         factors = shares(args.factor, "--factor") or {numbers_of(model, args.numbers, args.vehicle)[0]: 1.0}
-        for made in write_logs(args.vehicle, factors, args.synthetic, count=args.count, seed=args.seed):
+        asked = {"count": args.count, "seed": args.seed, "changes": changes}
+        for made in write_logs(args.vehicle, factors, args.synthetic, **asked):
             print(made)
         return
     if not args.logs:
@@ -227,17 +375,23 @@ def run(args: argparse.Namespace) -> None:
     asked = shares(args.prior, "--prior")
     if unknown := sorted(set(asked) - set(keys)):
         raise ConfigError(f"--prior {unknown[0]}: it is not fitted; fitted are {', '.join(keys)}")
-    for target in (args.out, args.report):
-        if target is not None and not target.parent.is_dir():
-            raise ConfigError(f"{target}: there is no folder {target.parent}")
-    given = PRIORS | asked
+    for key in keys:
+        model.check_varies(key)
+    if args.report is not None:
+        check_target(args.report)
+    if args.out is not None:
+        check_out(args.out, file, model, keys, changes)
+    given = {key: PRIORS[key.rpartition(".")[2]] for key in keys if key.rpartition(".")[2] in PRIORS} | asked
     source = Source(read_columns(args.columns) if args.columns else {}, args.name, args.channels)
     logs, tests = ([read_log(log, model, source) for log in files] for files in (args.logs, args.test))
     for k, log in enumerate(every := [*logs, *tests]):
         if log.digest in {other.digest for other in every[:k]}:
             raise ConfigError(f"{log.name} is given twice")
     priors = {key: given.get(key, PRIOR) for key in keys}
-    found = fit(args.vehicle, logs, priors, seconds=args.window, starts=args.starts, tests=tests)
+    for log in every:
+        for note in log.notes:
+            print(f"{log.name}: {note}", flush=True)
+    found = fit(args.vehicle, logs, priors, seconds=args.window, starts=args.starts, tests=tests, changes=changes)
     print("\n".join([f"{args.vehicle}, {len(logs)} logs", *lines(found, logs)]))
     if args.report is not None:
         from taichi_sim.commands.fit_page import page_of  # matplotlib takes a second
@@ -246,15 +400,13 @@ def run(args: argparse.Namespace) -> None:
         args.report.write_text(text, encoding="utf-8")
         print(args.report)
     if args.out is not None:
-        args.out.write_text(written(file, found, logs), encoding="utf-8")
-        load_vehicle(args.out)
-        print(args.out)
+        save(args.out, file, model, found, logs, changes)
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command; return the exit status."""
     p = parser()
-    args = p.parse_args(argv)
+    args = p.parse_intermixed_args(argv)  # options may stand between VEHICLE and the logs
     for name, low, high in (("window", 1.0, 600.0), ("count", 1, 1000), ("seed", 0, 2**31 - 1), ("starts", 1, 64)):
         if not low <= getattr(args, name) <= high:
             p.error(f"--{name} {getattr(args, name):g}: allowed are {low:g} to {high:g}")

@@ -3,7 +3,7 @@
 Pose and yaw rate come from `/NAME/odom` (nav_msgs/Odometry in ENU, body forward-left-up), the commands from
 `/NAME/actions` (sensor_msgs/JointState: an action's name, and its value from -1 to 1 as `position`). Where columns are
 given, `odom` names another topic of odometry, and an action a topic whose messages have a number as `data` (std_msgs
-Float32, Float64). Each command holds from its time on.
+Float32, Float64). Each command holds from its time on; taken is its mean until the next message of odometry.
 
 What a message has is not always a value:
 
@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichi_sim.config.base import MissingExtraError
-from taichi_sim.fit.table import CHANNELS, Array, LogError, Source, Table, held
+from taichi_sim.fit.table import CHANNELS, Array, LogError, Source, Table, held_means
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -102,7 +102,7 @@ def _table(path: Path, bag: "AnyReader", action_names: tuple[str, ...], source: 
             raise LogError(f"{path}: {topic} is {kinds[topic]}: actions are read from {COMMANDS}")
         else:
             values = _named(path, topic, name, messages)
-        columns[name], begin = held(at, values, t), max(begin, at[0])
+        columns[name], begin = held_means(at, values, t, np.r_[t[1:], t[-1] + 1.0]), max(begin, at[0])
     kept = np.flatnonzero(t >= begin - 1e-9)  # before the first command nobody knows what was commanded
     if len(kept) < 3:
         raise LogError(f"{path}: {len(kept)} messages of {odom} after the first command: at least 3 are wanted")

@@ -7,11 +7,11 @@
 | heading | XKF1.Yaw | deg, clockwise from north |
 | a position at all | XKF4.SS | without a horizontal position, or in constant position mode, XKF1 is left out |
 | yaw rate | IMU.GyrZ | rad/s, sensor 0 while it is healthy (GH); mean over each interval |
-| commands | RCOU.C1 ... C14 | pulse widths, microseconds; each holds until the next message |
+| commands | RCOU.C1 ... C14 | pulse widths, microseconds; samples of a signal: mean over the interval after a time |
 | channels | PARM, SERVOn_FUNCTION | 70 throttle, 26 ground steering; 73 and 74 throttle left and right |
 | ends, middle of a width | PARM, SERVOn_MIN, _TRIM, _MAX, _REVERSED | 1000, 1500, 2000, 0 where not logged |
 
-All is resampled to INTERVAL: positions and headings by interpolation, rates by means, commands as held. A gap in XKF1,
+All is resampled to INTERVAL: positions and headings by interpolation, rates and commands by means. A gap in XKF1,
 IMU or RCOU is a gap of the log. Lanes differ in their positions: where the primary one changes, a new part begins.
 Bytes that are no messages are left out, and a warning names them.
 """
@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.config.base import MissingExtraError
-from taichi_sim.fit.table import CLOCK, GAP, Array, LogError, Source, Table, held
+from taichi_sim.fit.table import CLOCK, GAP, Array, LogError, Source, Table, drawn_means, held
 from taichi_sim.sitl.channels import default_channels, read_channels
 from taichi_sim.vehicle import Vehicle
 
@@ -90,7 +90,10 @@ def read_dataflash(file: Path, model: Vehicle, source: Source) -> Table:
         "east": np.interp(t, t_place, east),
         "heading": np.interp(t, t_place, np.unwrap(np.radians(yaw))),
         "yaw_rate": _means(t_gyro, gyro.squeeze(1), t, INTERVAL),
-        **_actions(file, model, channels, parameters, held(t_widths, widths, t)),
+        **{
+            name: drawn_means(t_widths, values, t, t + INTERVAL)
+            for name, values in _actions(file, model, channels, parameters, widths).items()
+        },
     }
     return Table(columns, lambda k: f"at {t[k]:.1f} s", np.array([after - CLOCK for _, after in changes]))
 
@@ -166,8 +169,12 @@ def _channels(file: Path, model: Vehicle, asked: str, parameters: Mapping[str, f
         if function is None or not any(key.startswith("SERVO") for key in parameters):
             mine = [usual]
         if len(mine) != 1:
-            raise LogError(f"{file}: {len(mine)} servo outputs have the function {function} of {control}: name its "
-                           f"channel by --channels {control}=N")  # fmt: skip
+            way = f"name its channel by --channels {control}=N"
+            if control in ("ahead", "helm") and {73, 74} <= {
+                parameters.get(f"SERVO{n}_FUNCTION") for n in range(1, 15)
+            }:
+                way = "it has two throttles, 73 and 74: give --set 'actions=\"left_right\"', if the vehicle has it"
+            raise LogError(f"{file}: {len(mine)} servo outputs have the function {function} of {control}: {way}")
         found[control] = mine[0]
     return found
 

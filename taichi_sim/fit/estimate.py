@@ -20,10 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.config import ConfigError
+from taichi_sim.fit.dependence import spreads
 from taichi_sim.fit.log import Log
 from taichi_sim.fit.search import (
+    CURRENT,
+    DELAYS,
+    LOG_PRIOR,
     ROUGHLY,
     NormalEquations,
+    Point,
     Problem,
     Request,
     Search,
@@ -34,7 +39,7 @@ from taichi_sim.fit.search import (
     search_first_states,
     side_by_side,
 )  # fmt: skip
-from taichi_sim.fit.table import Array, LogError
+from taichi_sim.fit.table import CHANNELS, Array, LogError
 from taichi_sim.fit.windows import Window, WindowSimulator, check_against, cut, first_state, lead_steps, windows_of
 from taichi_sim.kernels import runtime
 
@@ -49,6 +54,11 @@ CANDIDATES = 32  # draws from the priors for each further start
 SPREAD = 0.25  # largest deviation of the logarithm of a drawn number: beyond it, many vessels make no sense
 SAME = 0.1  # fractions of the priors' deviations within which two starts end at the same numbers
 LOST = 3.0  # a search this much less likely (logarithm) than the best one ended in a local minimum
+ANEW = 3  # how often windows are begun anew
+COSTLY, GAIN = 1.25, 1.0  # cost over that of most windows, from which they are; what must be gained
+UNLIKE = 3.0  # rms residual of a window over that of most, from which something happened to it
+LEAST_WINDOWS, SOME = 5, 0.1  # least number of windows for that, and the largest share that is left out
+AGAIN = 1.1  # widening of a channel's deviation from which the search goes on with it
 LISTED = 0.35  # least component of a number in a direction that is reported
 
 
@@ -92,7 +102,11 @@ class Fit(NamedTuple):
     told: NDArray[np.bool_]  # whether the data determine the number, rather than the prior
     correlation: Array  # [number, number]
     sigma: Array  # deviation of the residuals by channel: m, m, rad, rad/s
+    spread: Array  # factors by which dependent residuals widen it, by channel
     currents: Array  # [log, 2] m/s
+    delays: Array  # [log, 3] s: of position, heading and yaw rate behind the commands
+    delay_deviations: Array  # [log, 3] s
+    left_out: list[str]  # windows whose residuals are unlike those of all others
     before: float  # rms of the weighted residuals of the held-out windows with the file's numbers
     after: float  # the same with the fitted numbers
     iterations: int
@@ -128,7 +142,7 @@ def _candidates(problem: Problem, state: Array, prior: Array, sigma: Array, coun
         problem.windows * n, np.repeat(drawn, w, axis=0), np.zeros((n * w, 2)), np.tile(state, (n, 1))
     )
     each = np.moveaxis(found, 1, 0).reshape(n, w, -1, 4)
-    cost = np.array([huber(problem.left(one, np.zeros((problem.logs, 4))), sigma).sum() for one in each])
+    cost = np.array([huber(problem.left(one, np.zeros((problem.logs, len(LOG_PRIOR)))), sigma).sum() for one in each])
     return list(drawn[np.argsort(np.where(np.isfinite(cost), cost, np.inf))[:count]])
 
 
@@ -146,16 +160,18 @@ def _searched(
 ) -> tuple[Problem, list[SearchEnd]]:  # fmt: skip
     """Search from several starts; return the problem of the full windows, and the ends found, the likeliest first."""
     interval, lead = simulator.interval, lead_steps(simulator.interval)
-    short = cut(used, lead, max(round(SHORT * seconds / interval), lead, LEAST))
+    problem = Problem(used, interval, len(logs))
+    share = SHORT if SHORT * problem.new.sum(axis=1).mean(axis=0).min() >= LEAST else 1.0  # a slow sensor: as they are
+    short = cut(used, lead, max(round(share * seconds / interval), lead, LEAST))
     state = np.array([first_state(w, interval) for w in short])
     check_against(simulator, logs, short, state)
-    begin, extra = Problem(short, interval, len(logs)), np.zeros((len(logs), 4))
+    begin, extra = Problem(short, interval, len(logs)), np.zeros((len(logs), len(LOG_PRIOR)))
     guesses = [np.zeros(len(prior))]  # the file's numbers
     if starts > 1:
         [drawn] = side_by_side(simulator, [_candidates(begin, state, prior, SIGMA, starts - 1)])
         guesses += drawn
     first = side_by_side(simulator, [search(begin, phi, extra, state, prior, SIGMA, enough=ROUGHLY) for phi in guesses])
-    problem, each = Problem(used, interval, len(logs)), len(short) // len(used)
+    each = len(short) // len(used)
     apart = _distinct(first, prior)
     go_on = [search(problem, f.point.phi, f.point.extra, f.point.state[::each], prior, f.sigma) for f in apart]
     full = side_by_side(simulator, go_on)
@@ -182,14 +198,64 @@ def _tested(simulator: WindowSimulator, log: Log, numbers: Array, sigma: Array, 
     begin = np.array([first_state(w, simulator.interval) for w in windows])
     for known in (np.zeros(len(numbers)), numbers):
         problem = Problem(windows, simulator.interval, 1, known)
-        [end] = side_by_side(simulator, [search(problem, nobody, np.zeros((1, 4)), begin, nobody, sigma)])
-        found.append(end.point)
-    by_file, by_fit = (np.sqrt(np.mean(p.left**2, axis=(0, 1))) for p in found)
-    tracks = [
-        SimulatedWindow(number, m, m - fitted, m - file)
-        for m, file, fitted in zip(problem.measured, found[0].left, found[1].left, strict=True)
+        [end] = side_by_side(simulator, [search(problem, nobody, np.zeros((1, len(LOG_PRIOR))), begin, nobody, sigma)])
+        found.append((problem, end.point))
+    by_file, by_fit = (problem.rms(point.left) for problem, point in found)
+    tracks = _tracks(*found[1], found[0][1], number)
+    return Tested(log, found[1][1].extra[0, CURRENT], by_file, by_fit, tracks)
+
+
+def _tracks(
+    problem: Problem, fitted: Point, file: Point | None = None, number: int | None = None
+) -> list[SimulatedWindow]:
+    """The windows of a problem, of log `number` or their own, with NaN where a sample does not count."""
+    measured = np.where(problem.new, problem.measured, np.nan)
+    return [
+        SimulatedWindow(w.log if number is None else number, measured[k], fitted.shown[k], file and file.shown[k])
+        for k, w in enumerate(problem.windows)
     ]
-    return Tested(log, found[1].extra[0, :2], by_file, by_fit, tracks)
+
+
+def _settled(simulator: WindowSimulator, problem: Problem, end: SearchEnd, prior: Array) -> SearchEnd:
+    """The end of a search whose windows of a high cost are begun anew from the data, as long as this helps.
+
+    The first state of a window may end in a local minimum, where few samples tell of it.
+    """
+    for _ in range(ANEW):
+        cost = huber(end.point.left, end.sigma).sum(axis=(1, 2)) / problem.new.sum(axis=(1, 2))
+        which = np.flatnonzero(cost > COSTLY * np.median(cost))
+        if not len(which):
+            break
+        part = Problem([problem.windows[k] for k in which], problem.interval, problem.logs)
+        begin = np.array([first_state(w, problem.interval) for w in part.windows])
+        of = search_first_states(part, end.point.phi, end.point.extra, begin, end.sigma)
+        [anew] = side_by_side(simulator, [of])
+        better = huber(anew.left, end.sigma).sum(axis=(1, 2)) < cost[which] * part.new.sum(axis=(1, 2)) - GAIN
+        if not better.any():
+            break
+        state = end.point.state.copy()
+        state[which[better]] = anew.state[better]
+        further = search(problem, end.point.phi, end.point.extra, state, prior, end.sigma)
+        [after] = side_by_side(simulator, [further])
+        end = after._replace(rounds=after.rounds + end.rounds)
+    return end
+
+
+def _unlike(problem: Problem, end: SearchEnd, logs: Sequence[Log], seconds: float) -> dict[int, str]:
+    """Windows whose residuals are UNLIKE times those of most: number -> a line; none if the numbers may be to blame."""
+    count = np.maximum(problem.new.sum(axis=1), 1)
+    size = np.sqrt(((end.point.left / end.sigma) ** 2).sum(axis=1) / count)
+    times = size / np.median(size, axis=0)
+    wild = np.flatnonzero((times > UNLIKE).any(axis=1))
+    if len(size) < LEAST_WINDOWS or len(wild) > max(1, SOME * len(size)):
+        return {}
+    found = {}
+    for k in wild:
+        window, c = problem.windows[k], int(np.argmax(times[k]))
+        if 2 * np.sum(problem.of[wild] == window.log) <= np.sum(problem.of == window.log):
+            found[int(k)] = (f"{logs[window.log].name}: {window.begin:g} to {window.begin + seconds:g} s: residuals of "
+                             f"{CHANNELS[c]} are {times[k, c]:.1f} times the others': not fitted")  # fmt: skip
+    return found
 
 
 def fit(
@@ -229,48 +295,61 @@ def fit(
     held = windows[HELD_OUT - 1 :: HELD_OUT]
     used = [w for k, w in enumerate(windows) if k % HELD_OUT != HELD_OUT - 1]
     interval, lead = logs[0].interval, lead_steps(logs[0].interval)
-    samples, unknown = sum(w.motion[lead:].size for w in used), len(keys) + 6 * len(used) + 4 * len(logs)
+    samples = sum(w.motion[lead:].size if w.new is None else int(w.new[lead:].sum()) for w in used)
+    unknown = len(keys) + 6 * len(used) + len(LOG_PRIOR) * len(logs)
     if samples < 2 * unknown:
         raise LogError(f"{samples} measured values for {unknown} unknowns: give longer logs, or fewer --numbers")
     clock = time.perf_counter()
     problem, ends = _searched(simulator, used, logs, prior, seconds, starts)
-    took, (point, sigma, rounds) = time.perf_counter() - clock, ends[0]
+    end = _settled(simulator, problem, ends[0], prior)
+    took, unlike = time.perf_counter() - clock, _unlike(problem, end, logs, seconds)
+    if unlike:
+        kept = [k for k in range(len(used)) if k not in unlike]
+        used, problem = [used[k] for k in kept], Problem([used[k] for k in kept], interval, len(logs))
+        [end] = side_by_side(simulator, [search(problem, *end.point[:2], end.point.state[kept], prior, end.sigma)])
+    normal = normal_equations(problem, end.point, prior, end.sigma)
+    problem.spread = spreads(problem, end.point, normal, end.sigma)
+    if problem.spread.max() > AGAIN:
+        [end] = side_by_side(simulator, [search(problem, *end.point[:3], prior, end.sigma * problem.spread)])
+    point, sigma, rounds, _ = end._replace(sigma=problem.sigma(end.point, end.sigma))
     best = ends[0].log_likelihood(prior)
     others = [Start(f.point.phi, best - f.log_likelihood(prior)) for f in _distinct(ends, prior)]
     normal = normal_equations(problem, point, prior, sigma)
-    if _odd(normal, prior):
-        # a local minimum of an initial state looks like this too: fit each again, keep the better one
-        begin = np.array([first_state(w, interval) for w in used])
-        [anew] = side_by_side(simulator, [search_first_states(problem, point.phi, point.extra, begin, sigma)])
-        cost, cost_anew = (huber(x.left, sigma).sum(axis=(1, 2)) for x in (point, anew))
-        state = np.where((cost_anew < cost)[:, None], anew.state, point.state)
-        further = search(problem, point.phi, point.extra, state, prior, sigma)
-        [(point, sigma, again)] = side_by_side(simulator, [further])
-        normal, rounds = normal_equations(problem, point, prior, sigma), rounds + again
     extra = point.extra
-    covariance = np.linalg.inv(normal.S) * samples / (samples - unknown)  # sigma is that of the residuals, not of noise
+    covariance = np.linalg.inv(normal.S)
     deviation, nominal = np.sqrt(np.diag(covariance)), simulator.nominal
     told = deviation < KNOWN * prior
     phi = _given_the_rest(point.phi, covariance, told)
     half = 1.96 * np.where(told, deviation, prior)
     low, high = np.sort(nominal * np.exp(phi + half * np.array([[-1.0], [1.0]])), axis=0)
     before = after = float("nan")
-    each = zip(used, problem.measured, point.left, strict=True)
-    tracks = [SimulatedWindow(w.log, m, m - left, None) for w, m, left in each]
+    tracks = _tracks(problem, point)
     held = [w for w in held if w.log in {u.log for u in used}]
     if held:  # the current and the biases of a log are known by now
         other = Problem(held, interval, len(logs))
         begin = np.array([first_state(w, interval) for w in held])
         both = [search_first_states(other, numbers, extra, begin, sigma) for numbers in (np.zeros(len(keys)), phi)]
-        left = [end.left for end in side_by_side(simulator, both)]
-        before, after = (float(np.sqrt(np.mean((x / sigma) ** 2))) for x in left)
-        both = zip(held, other.measured, *left, strict=True)
-        tracks += [SimulatedWindow(w.log, m, m - b, m - a) for w, m, a, b in both]
+        by_file, by_fit = side_by_side(simulator, both)
+        noise = sigma / problem.spread
+        before, after = (float(np.sqrt(((x.left / noise) ** 2).sum() / other.new.sum())) for x in (by_file, by_fit))
+        tracks += _tracks(other, by_fit, by_file)
     return Fit(
-        keys, nominal, nominal * np.exp(phi), low, high, told, covariance / np.outer(deviation, deviation), sigma,
-        extra[:, :2], before, after, rounds, _odd(normal, prior), tracks, _directions(normal.S, prior), others, starts,
-        took, [_tested(simulator, log, phi, sigma, seconds, len(logs) + k) for k, log in enumerate(tests)],
+        keys, nominal, nominal * np.exp(phi), low, high, told, covariance / np.outer(deviation, deviation),
+        sigma / problem.spread, problem.spread, extra[:, CURRENT], extra[:, DELAYS],
+        _delay_deviations(normal, len(logs)), list(unlike.values()), before, after, rounds, _odd(normal, prior), tracks,
+        _directions(normal.S, prior), others, starts, took,
+        [_tested(simulator, log, phi, sigma, seconds, len(logs) + k) for k, log in enumerate(tests)],
     )  # fmt: skip
+
+
+def _delay_deviations(normal: NormalEquations, logs: int) -> Array:
+    """Standard deviations of the delays [log, 3], s, from the whole normal equations."""
+    found, among = np.full((logs, 3), np.inf), np.linalg.inv(normal.S)
+    for log, _, B, C, _ in normal.blocks:
+        inverse = np.linalg.inv(C)[DELAYS]
+        across = inverse @ B.T
+        found[log] = np.sqrt(np.diag(inverse[:, DELAYS] + across @ among @ across.T))
+    return found
 
 
 def _given_the_rest(phi: Array, covariance: Array, told: NDArray[np.bool_]) -> Array:

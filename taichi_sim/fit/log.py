@@ -17,6 +17,7 @@ import numpy as np
 from taichi_sim.config.columns import LATEST, Sheet
 from taichi_sim.fit.bag import read_bag
 from taichi_sim.fit.dataflash import read_dataflash
+from taichi_sim.fit.samples import Mask, inspected
 from taichi_sim.fit.table import CHANNELS, GAP, HEADING, YAW_RATE, Array, Column, LogError, Source, Table
 from taichi_sim.vehicle import Vehicle
 
@@ -51,6 +52,8 @@ class Log(NamedTuple):
     actions: Array  # [sample, action], held from each sample on
     parts: tuple[slice, ...]  # ranges without gaps
     digest: str  # sha256 of the file, or of the files of a folder
+    new: Mask  # [sample, 4]: which values of the motion count (samples.py)
+    notes: tuple[str, ...] = ()  # repeats and jumps that were found
     wind: Array | None = None  # [sample, 2]: velocity of the air to the north and east, m/s; None: not measured
 
     @property
@@ -136,7 +139,7 @@ def _checked(file: Path, table: Table, action_names: Sequence[str]) -> Log:
         if worst > 1 + 1e-6:
             raise LogError(f"{file}: {name} goes to {worst:g}: actions are from -1 to 1")
     _check_angles(file, t, motion, parts)
-    motion[:, HEADING] = np.unwrap(motion[:, HEADING])
+    motion, new, parts, notes = inspected(t, motion, parts)
     _check_rates(file, t, motion, parts)
     wind = None
     if "wind_speed" in columns:
@@ -144,7 +147,7 @@ def _checked(file: Path, table: Table, action_names: Sequence[str]) -> Log:
         if (speed < 0).any():
             raise LogError(f"{file}: wind_speed goes to {speed.min():g}: it must not be negative")
         wind = -speed[:, None] * np.stack((np.cos(origin), np.sin(origin)), axis=1)
-    return Log(file.name, t, motion, actions, parts, _digest(file), wind)
+    return Log(file.name, t, motion, actions, parts, _digest(file), new, notes, wind)
 
 
 def _digest(file: Path) -> str:

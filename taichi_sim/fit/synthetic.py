@@ -17,10 +17,14 @@ CURRENT = 0.3  # m/s, largest current; assumed
 
 
 def write_logs(
-    vehicle: str, factors: Mapping[str, float], folder: Path, *, count: int = 10, seconds: float = 60.0, seed: int = 0
-) -> list[Path]:
-    """Write `count` logs of a vehicle file whose numbers are multiplied by `factors`; return their paths."""
-    rng, simulator = np.random.default_rng(seed), WindowSimulator(vehicle, tuple(factors), INTERVAL)
+    vehicle: str, factors: Mapping[str, float], folder: Path, *, count: int = 10, seconds: float = 60.0, seed: int = 0,
+    changes: Mapping | None = None,
+) -> list[Path]:  # fmt: skip
+    """Write `count` logs of a vehicle file whose numbers are multiplied by `factors`; return their paths.
+
+    `changes` are changed keys of the file (load_vehicle).
+    """
+    rng, simulator = np.random.default_rng(seed), WindowSimulator(vehicle, tuple(factors), INTERVAL, changes)
     names, steps, lead = simulator.model.action_names, round(seconds / INTERVAL), lead_steps(INTERVAL)
     windows = []
     for log in range(count):

@@ -47,3 +47,20 @@ class Table(NamedTuple):
 def held(t: Array, values: Array, at: Array) -> Array:
     """Values [sample, ..] that hold at the times `at`: each from its own time `t` on."""
     return values[np.clip(np.searchsorted(t, at + CLOCK, side="right") - 1, 0, len(t) - 1)]
+
+
+def held_means(t: Array, values: Array, begin: Array, end: Array) -> Array:
+    """Means from `begin` to `end` of values [sample] that hold from their own times `t` on."""
+    inside = np.searchsorted(t, begin + CLOCK, side="right") < np.searchsorted(t, end - CLOCK)
+    nodes = np.r_[t, max(t[-1], end.max()) + 1.0]
+    sums = np.r_[0.0, np.cumsum(np.diff(nodes) * values)]
+    mean = (np.interp(end, nodes, sums) - np.interp(begin, nodes, sums)) / (end - begin)
+    return np.where(inside, mean, held(t, values, begin))
+
+
+def drawn_means(t: Array, values: Array, begin: Array, end: Array) -> Array:
+    """Means from `begin` to `end` of a signal that was sampled [sample] at the times `t`, by straight lines."""
+    nodes = np.union1d(t, np.r_[begin, end])
+    drawn = np.interp(nodes, t, values)
+    sums = np.r_[0.0, np.cumsum(0.5 * (drawn[1:] + drawn[:-1]) * np.diff(nodes))]
+    return (sums[np.searchsorted(nodes, end)] - sums[np.searchsorted(nodes, begin)]) / (end - begin)

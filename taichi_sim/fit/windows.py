@@ -10,14 +10,15 @@ from taichi_sim import conventions
 from taichi_sim.bench import Bench
 from taichi_sim.config import ConfigError
 from taichi_sim.fit.log import Log
-from taichi_sim.fit.table import EAST, HEADING, NORTH, YAW_RATE, Array, LogError, held
+from taichi_sim.fit.samples import SENSORS, Mask
+from taichi_sim.fit.table import EAST, HEADING, NORTH, YAW_RATE, Array, LogError, held, held_means
 from taichi_sim.usv.vessel import Vessel
 from taichi_sim.vehicles import load_vehicle
 
 LEAD = 1.0  # s before a window, in which its actuators reach the commanded settings
 STEP = 0.02  # s, longest physics step
 EARLY = 0.05  # of an interval: a sample that comes this much after its step of the grid counts as of that step
-
+WANTED = {"position": 3, "heading": 2, "yaw rate": 2}  # least number of new samples in a window
 
 MIRRORED = 0.5  # rms deviation from the simulation of a log, mirrored, over that as it is, below which it is mirrored
 TURNS = 0.02  # rad/s, least rms deviation of yaw rates for such a comparison
@@ -32,6 +33,8 @@ class Window(NamedTuple):
     motion: Array  # [lead + step + 1, 4]
     actions: Array  # [lead + step, action]
     wind: Array | None = None  # [lead + step, 2]: velocity of the air to the north and east, m/s; None: calm
+    new: Mask | None = None  # [lead + step + 1, 4]: which values of the motion count; None: all
+    begin: float = 0.0  # s, time of the log after the lead
 
 
 def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
@@ -40,7 +43,7 @@ def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
     Raises:
         LogError: if there is none, or logs differ in their interval.
     """
-    found, first = [], logs[0].interval
+    found, short, first = [], False, logs[0].interval
     for number, log in enumerate(logs):
         if abs(log.interval - first) > 0.01 * first:
             raise LogError(f"{log.name}: an interval of {log.interval:g} s, {logs[0].name} has {first:g} s: resample")
@@ -50,14 +53,26 @@ def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
             t = log.t[part]
             grid = t[0] + first * np.arange(int((t[-1] - t[0]) / first + 1e-6) + 1)
             motion = np.stack([np.interp(grid, t, column) for column in log.motion[part].T], axis=1)
-            late = grid + EARLY * first
-            actions = held(t, log.actions[part], late)
-            wind = None if log.wind is None else held(t, log.wind[part], late)
-            whole = Window(number, motion, actions, wind)
+            step = np.clip(np.round((t - t[0]) / first).astype(int), 0, len(grid) - 1)
+            new = np.zeros(motion.shape, dtype=bool)
+            np.logical_or.at(new, step, log.new[part])
+            near = np.where(np.abs(t - grid[step]) < EARLY * first, grid[step], t)
+            actions = np.stack([held_means(near, a, grid, grid + first) for a in log.actions[part].T], axis=1)
+            wind = None if log.wind is None else held(t, log.wind[part], grid + EARLY * first)
+            whole = Window(number, motion, actions, wind, new)
             for k in range(lead, len(grid) - steps, steps + 1):  # no sample is used twice
-                found.append(_cut(whole, k - lead, k + steps))
+                window = _cut(whole, k - lead, k + steps)._replace(begin=float(grid[k]))
+                if all(window.new[lead:, SENSORS[name]].sum() >= n * len(SENSORS[name]) for name, n in WANTED.items()):
+                    found.append(window)
+                else:
+                    short = True
     if not found:
         names = ", ".join(log.name for log in logs)
+        if short:
+            few = ", ".join(f"{n} of {name}" for name, n in WANTED.items())
+            raise LogError(
+                f"{names}: no window of {seconds:g} s has enough new samples ({few}): give a longer --window"
+            )
         raise LogError(f"{names}: no log has {seconds:g} s without a gap: give a shorter --window")
     return found
 
@@ -74,8 +89,14 @@ def cut(windows: Sequence[Window], lead: int, steps: int) -> list[Window]:
 
 def _cut(window: Window, first: int, last: int) -> Window:
     """The steps of a window from `first` until before `last`."""
-    log, motion, actions, wind = window
-    return Window(log, motion[first : last + 1], actions[first:last], None if wind is None else wind[first:last])
+    part, end = slice(first, last), slice(first, last + 1)
+    wind, new = window.wind, window.new
+    return window._replace(
+        motion=window.motion[end],
+        actions=window.actions[part],
+        wind=None if wind is None else wind[part],
+        new=None if new is None else new[end],
+    )
 
 
 def first_state(window: Window, interval: float) -> Array:
