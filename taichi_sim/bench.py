@@ -162,6 +162,7 @@ class Bench:
             for x in (position, euler, velocity_b, angular_velocity_b)
         )
         self.state[..., POSITION], self.state[..., VELOCITY] = place, v
+        self.fleet.remainder.zero_()
         self.state[..., QUATERNION] = torch_quaternion_from_euler(*angles.unbind(-1))
         self.state[..., ANGULAR_VELOCITY] = omega
         self.refresh()
@@ -246,14 +247,13 @@ class Bench:
         """Present motion of the first vehicles (copies)."""
         state = self.state[:, 0].double().cpu()
         nu = torch.cat((state[:, VELOCITY], state[:, ANGULAR_VELOCITY]), dim=1)
-        return Motion(
-            state[:, POSITION].numpy().copy(), torch_euler_from_quaternion(state[:, QUATERNION]).numpy(), nu.numpy()
-        )
+        euler = torch_euler_from_quaternion(state[:, QUATERNION])
+        return Motion(self.fleet.position_exact[:, 0].cpu().numpy(), euler.numpy(), nu.numpy())
 
     @property
     def position(self) -> Array:
         """Position of the first vehicle [3], NED, m."""
-        return self.state[0, 0, POSITION].double().cpu().numpy().copy()
+        return self.fleet.position_exact[0, 0].cpu().numpy()
 
     @property
     def velocity(self) -> Array:

@@ -23,6 +23,7 @@ from taichi_sim.conventions import (
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.lanes import laned, width
 from taichi_sim.kernels.packs import FleetPack
+from taichi_sim.kernels.position import HALF_DIGIT
 from taichi_sim.kernels.rotation import (
     DERIVED_SIZE,
     DOWN,
@@ -109,6 +110,7 @@ class Fleet(Views):
     """Vehicles of one model in every environment; the views share memory with the tensors of the kernels.
 
     Attributes, besides those of `Views`:
+        remainder: [env, vehicle, 3], what `state` cannot hold of the position, m: `position_exact` reads it.
         surface: [env, vehicle, 2], elevation under a vessel and its freeboard (conventions.py).
         action: [env, vehicle, action], actions of the coming or the last step.
         never: bool [env, vehicle], false, for endings that cannot happen; read only.
@@ -118,7 +120,7 @@ class Fleet(Views):
         few: whether there are so few vehicles that kernels run on the calling thread only.
     """
 
-    STATE = ("surface", "action", "_vary", "_numbers", "_load", "touch")
+    STATE = ("remainder", "surface", "action", "_vary", "_numbers", "_load", "touch")
 
     def __init__(self, name: str, model: Vehicle, num_envs: int, count: int):
         """Allocate `count` vehicles of `model` in each environment, at rest at the origin."""
@@ -128,6 +130,7 @@ class Fleet(Views):
         sizes = STATE_SIZE, DERIVED_SIZE, max(model.aux_size, 1)
         super().__init__(model, *(torch.zeros((num_envs, count, size), **options) for size in sizes))
         self.state[..., QUATERNION.start] = 1.0
+        self.remainder = torch.zeros_like(self.position_n)
         self.surface = torch.zeros((num_envs, count, SURFACE_SIZE), **options)
         self.surface[..., FREEBOARD] = NO_DECK
         self.action = torch.zeros((num_envs, count, max(len(model.action_names), 1)), **options)
@@ -155,6 +158,24 @@ class Fleet(Views):
         """Number and model of the vehicles: "3 x Hull6Dof in 64 environments"."""
         return f"{self.count} x {type(self.model).__name__} in {number(self.num_envs, 'environment')}"
 
+    # -- position --------------------------------------------------------------------------------------------------
+
+    @property
+    def position_exact(self) -> Tensor:
+        """Position [env, vehicle, 3], float64, to the sum of all steps: `position_n` and its remainder (position.py).
+
+        `position_n` has 24 bits: 1 mm at 10 km from the origin, 6 cm at 1,000 km.
+        """
+        place = self.position_n.double()
+        rest = self.remainder.double()
+        return place + torch.where(rest.abs() <= HALF_DIGIT * place.abs(), rest, 0.0)
+
+    def move(self, way: Tensor) -> None:
+        """Move all vehicles by `way` [env, vehicle, 3] (NED, m): for models in torch, which lose no short way then."""
+        place = self.position_exact + way
+        self.position_n.copy_(place)
+        self.remainder.copy_(place - self.position_n)
+
     # -- kernels ---------------------------------------------------------------------------------------------------
 
     @property
@@ -172,6 +193,7 @@ class Fleet(Views):
             action=self.action,
             numbers=self._unused if self._numbers is None else self._numbers,
             load=self._unused if self._load is None else self._load,
+            remainder=self.remainder,
             lanes=laned(self._unused if self.aux.shape[-1] % width() else self.aux),
         )
 

@@ -286,6 +286,7 @@ class World(Stateful):
         fleet.model.reset_aux(aux, state, around)
         fleet.surface.index_copy_(0, envs, surface)
         fleet.state.index_copy_(0, envs, state)
+        fleet.remainder.index_fill_(0, envs, 0.0)
         fleet.aux.index_copy_(0, envs, aux)
         fleet.update(envs)
         self.contacts.place(fleet, envs)

@@ -37,6 +37,7 @@ from pydantic import model_validator
 from torch import Tensor
 
 from taichi_sim.config import ConfigError, Finite, NonNegative, Positive, Strict
+from taichi_sim.conventions import EAST, NORTH
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import fast
 from taichi_sim.kernels.abreast import taken, taken2
@@ -283,16 +284,19 @@ class Manoeuvring3dof(Vessel):
             V_c = taken2(around.current, e, 2)
             tau = load_at(build, fleet.load, e, i)
             s, plane = planar(y, V_c)
+            start = ti.Vector([y[NORTH], y[EAST]])
             before = plane
             s, plane, before, memory = self.advance(
-                own_numbers(self, build, fleet.numbers, e, i), build, around, e, s, plane, memory, actions, tau, V_c
-            )
-            write_state(fleet, e, i, s, plane, before, memory, V_c, self.dt)
+                own_numbers(self, build, fleet.numbers, e, i), build, around, e, start, s, plane, memory, actions,
+                tau, V_c,
+            )  # fmt: skip
+            write_state(fleet, e, i, start, s, plane, before, memory, V_c, self.dt)
 
     @ti.func
     def advance(
-        self, p: ti.template(), build: ti.template(), around: ti.template(), e, s, plane, memory, actions, tau, V_c
-    ):
+        self, p: ti.template(), build: ti.template(), around: ti.template(), e, start, s, plane, memory, actions,
+        tau, V_c,
+    ):  # fmt: skip
         """s, water plane now and one substep earlier, and auxiliary state, after one control step."""
         before = plane
         D = ti.Vector([memory[LABEL], memory[LABEL + 1]])
@@ -306,7 +310,7 @@ class Manoeuvring3dof(Vessel):
             s = self.runge_kutta(p, s, command + p.lag_mean * excess + wave + outside, V_c)
             controls = command + p.lag_end * excess
             D_next, heights = elevations(
-                around, build, e, (n + 1) * ti.static(self.dt), s, D + change, self.p.length, self.p.beam
+                around, build, e, (n + 1) * ti.static(self.dt), start, s, D + change, self.p.length, self.p.beam
             )
             change = D_next - D
             D = D_next

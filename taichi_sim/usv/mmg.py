@@ -51,7 +51,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
-from taichi_sim.conventions import AHEAD
+from taichi_sim.conventions import AHEAD, EAST, NORTH
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import fast
 from taichi_sim.kernels.abreast import taken, taken2
@@ -378,16 +378,19 @@ class Mmg3Dof(Vessel):
             V_c, V_w = taken2(around.current, e, 2), taken2(around.wind, e, 2)
             asked, tau = taken(fleet.action, e, i, 0, 2), load_at(build, fleet.load, e, i)
             s, plane = planar(y, V_c)
+            start = ti.Vector([y[NORTH], y[EAST]])
             before = plane
             s, plane, before, memory = self.advance(
-                own_numbers(self, build, fleet.numbers, e, i), build, around, e, s, plane, memory, asked, tau, V_c, V_w
-            )
-            write_state(fleet, e, i, s, plane, before, memory, V_c, self.dt)
+                own_numbers(self, build, fleet.numbers, e, i), build, around, e, start, s, plane, memory, asked,
+                tau, V_c, V_w,
+            )  # fmt: skip
+            write_state(fleet, e, i, start, s, plane, before, memory, V_c, self.dt)
 
     @ti.func
     def advance(
-        self, p: ti.template(), build: ti.template(), around: ti.template(), e, s, plane, memory, action, tau, V_c, V_w
-    ):
+        self, p: ti.template(), build: ti.template(), around: ti.template(), e, start, s, plane, memory, action,
+        tau, V_c, V_w,
+    ):  # fmt: skip
         """s, water plane now and one substep earlier, and auxiliary state, after one control step."""
         before = plane
         D = ti.Vector([memory[LABEL], memory[LABEL + 1]])
@@ -402,7 +405,7 @@ class Mmg3Dof(Vessel):
             s = self.runge_kutta(p, s, controls, middle, end, wave + outside, V_c, V_w)
             controls = end
             D_next, heights = elevations(
-                around, build, e, (n + 1) * ti.static(self.dt), s, D + change, self.p.length, self.p.beam
+                around, build, e, (n + 1) * ti.static(self.dt), start, s, D + change, self.p.length, self.p.beam
             )
             change = D_next - D
             D = D_next

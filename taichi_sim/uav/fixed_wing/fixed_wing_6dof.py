@@ -20,12 +20,13 @@ import torch
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import DOWN, GRAVITY
+from taichi_sim.conventions import DOWN, GRAVITY, QW
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, lanes
 from taichi_sim.kernels.abreast import group, put, some, taken, taken1, taken2
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, own_numbers
-from taichi_sim.kernels.rotation import attitude_of, rates_of, store, velocity_of
+from taichi_sim.kernels.position import move, with_position
+from taichi_sim.kernels.rotation import attitude_of, position_of, rates_of, store, velocity_of
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav import local_air
 from taichi_sim.uav.aircraft import STALL_TIME as STALL_TIME_NAME
@@ -294,6 +295,7 @@ class FixedWing6DOF(Aircraft):
         f = local_air.turbulence_filter(build.air, v_mean.norm(), -y[2], W20, self.dt)
         met = local_air.velocity_at(build.air, wind_10, shear, gust, f, v_mean, y, time)
         y = with_velocity(y, velocity_of(y) - attitude_of(y).transpose() @ met)
+        start, way = position_of(y), 0.0 * met
         asked = demands(self, action, velocity_of(y).norm())
         for n in range(self.substeps):
             R = attitude_of(y)
@@ -302,9 +304,9 @@ class FixedWing6DOF(Aircraft):
             if ti.static(build.air.gusty):
                 change = local_air.gust_ahead(build.air, y, R @ velocity_of(y) + met, time, self.dt)
                 y, met = with_velocity(y, velocity_of(y) - R.transpose() @ change), met + change
-            y = rk4(self.p, p, y, held, tau, self.dt)
-            for k in ti.static(range(3)):
-                y[k] += self.dt * met[k]
+            y = rk4(self.p, p, with_position(y, 0.0 * way), held, tau, self.dt)
+            way += position_of(y) + self.dt * met
+            y = with_position(y, start + way)
             time += self.dt
             if ti.static(not build.air.steady):
                 count = clock * ti.static(self.substeps + 1) + n
@@ -313,6 +315,7 @@ class FixedWing6DOF(Aircraft):
                 y = with_velocity(y, velocity_of(y) + attitude_of(y).transpose() @ (met - new))
                 met = new
         self.save(p, fleet, e, i, y, met, delta)
+        move(fleet, e, i, start, way)
         put(fleet.aux, e, i, TIME, [time, gust[0], gust[1], gust[2], gust[3], gust[4], pilot[0], pilot[1]])
 
     @ti.func
@@ -323,12 +326,14 @@ class FixedWing6DOF(Aircraft):
 
     @ti.func
     def save(self, p: ti.template(), fleet: ti.template(), e, i, y, met, delta):
-        """Store state y, relative to the air that moves with `met`, with its derived values and instruments."""
+        """Store state y but for its position, relative to the air that moves with `met`, with its derived values and
+        instruments.
+        """
         R = attitude_of(y)
         readings = self.readings(p, y, delta)
         v = velocity_of(y) + R.transpose() @ met
         store(fleet.derived, e, i, R, R @ v)
-        put(fleet.state, e, i, 0, [y[0], y[1], y[2], y[3], y[4], y[5], y[6], v[0], v[1], v[2], y[10], y[11], y[12]])
+        put(fleet.state, e, i, QW, [y[3], y[4], y[5], y[6], v[0], v[1], v[2], y[10], y[11], y[12]])
         stalled = (readings[1] > self.stall_angles[1]) | (readings[1] < self.stall_angles[0])
         stall = taken(fleet.aux, e, i, STALL_TIME, 1)[0] + ti.static(self.dt * self.substeps)
         put(fleet.aux, e, i, DEFLECTIONS, [delta[0], delta[1], delta[2], delta[3]])

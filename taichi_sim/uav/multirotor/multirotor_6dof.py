@@ -25,12 +25,13 @@ from torch import Tensor
 from taichi_sim.config import ConfigError
 from taichi_sim.contact import carrier
 from taichi_sim.contact.touch import SOLE_SIZE
-from taichi_sim.conventions import AMPLITUDE, DOWN
+from taichi_sim.conventions import AMPLITUDE, DOWN, QW
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, lanes
 from taichi_sim.kernels.abreast import group, put, some, taken, taken1, taken2
 from taichi_sim.kernels.lanes import is_laned
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, TouchPack, load_at, own_numbers
+from taichi_sim.kernels.position import move, with_position
 from taichi_sim.kernels.rotation import UPRIGHT, attitude_of, position_of, rates_of, store, velocity_of
 from taichi_sim.sea import waves
 from taichi_sim.surroundings import Surroundings
@@ -255,7 +256,8 @@ class Multirotor6DOF(Vehicle):
         met = local_air.velocity_at(build.air, wind_10, shear, gust, f, v_mean, y, time)
         sea, rise = self.water_below(build, around, e, y)
         y = with_velocity(y, velocity_of(y) - attitude_of(y).transpose() @ met)
-        rates, toward, voltage = velocity_of(y) * 0.0, velocity_of(y) * 0.0, time * 0.0
+        start, still = position_of(y), velocity_of(y) * 0.0
+        way, rates, toward, voltage = still, still, still, time * 0.0
         sea_weight, deck_upwash = omega * 0.0 + 1.0, omega * 0.0  # of each rotor, over a deck
         body = ti.Vector([time * 0.0 for _ in ti.static(range(landing.BODY_SIZE))])
         soles = ti.Vector([time * 0.0 for _ in ti.static(range(max(self.sole_numbers, 1)))])
@@ -296,15 +298,18 @@ class Multirotor6DOF(Vehicle):
                             self.p, p, self.contact_steps, self.dt, self.interval, touch.way, e, i, y, met, omega,
                             command, tau, ratio, soles, body, begun, blow,
                         )  # fmt: skip
+                        way += position_of(y)
                 if flies > 0:
                     below = ground.beneath(-y[2] - sea, sea_weight, deck_upwash)
+                    y = with_position(y, still)
                     y, omega = rk4(self.p, p, self.over_decks, y, omega, command, below, tau, self.dt)
-                    for k in ti.static(range(3)):
-                        y[k] += self.dt * met[k]
+                    way += position_of(y) + self.dt * met
             else:
-                y, omega = rk4(self.p, p, self.p.ground_effect, y, omega, command, -y[2] - sea, tau, self.dt)
-                for k in ti.static(range(3)):
-                    y[k] += self.dt * met[k]
+                below = -y[2] - sea
+                y = with_position(y, still)
+                y, omega = rk4(self.p, p, self.p.ground_effect, y, omega, command, below, tau, self.dt)
+                way += position_of(y) + self.dt * met
+            y = with_position(y, start + way)
             sea += rise
             time += self.dt
             if ti.static(not build.air.steady):
@@ -321,6 +326,7 @@ class Multirotor6DOF(Vehicle):
             self.save(p, self.over_decks, fleet, e, i, y, met, omega, below)
         else:
             self.save(p, self.p.ground_effect, fleet, e, i, y, met, omega, -y[2] - sea)
+        move(fleet, e, i, start, way)
         put(fleet.aux, e, i, at.TIME, [time, voltage, charge, rates[0], rates[1], rates[2]])
         put(fleet.aux, e, i, at.VELOCITY_WANTED, [toward[0], toward[1], toward[2]])
         put(fleet.aux, e, i, at.TURBULENCE, [gust[0], gust[1], gust[2], gust[3], gust[4]])
@@ -425,8 +431,8 @@ class Multirotor6DOF(Vehicle):
 
     @ti.func
     def save(self, p: ti.template(), kind: ti.template(), fleet: ti.template(), e, i, y, met, omega, below):
-        """Store state y, whose velocity is relative to the air that moves with `met`, with its derived values and
-        instruments.
+        """Store state y but for its position, with its derived values and instruments; its velocity is relative to the
+        air, which moves with `met`.
 
         kind, below: what is below (ground.py).
         """
@@ -441,7 +447,7 @@ class Multirotor6DOF(Vehicle):
             thrust += p.k_f * gain[k] * omega[k] * omega[k] * ratio[k]
             near += ti.static(1.0 / self.count) * ratio[k]
             put(fleet.aux, e, i, at.SPEEDS + k, [omega[k]])
-        put(fleet.state, e, i, 0, [y[0], y[1], y[2], y[3], y[4], y[5], y[6], v[0], v[1], v[2], y[10], y[11], y[12]])
+        put(fleet.state, e, i, QW, [y[3], y[4], y[5], y[6], v[0], v[1], v[2], y[10], y[11], y[12]])
         airspeed, power = v_r.norm(), rotors.shaft_power(self.p, p, omega)
         tilt = atan2(ti.sqrt(R[2, 0] * R[2, 0] + R[2, 1] * R[2, 1]), R[2, 2])
         sinking = v_r[2] > self.induced

@@ -38,12 +38,13 @@ from taichi.lang.argpack import ArgPack
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import EAST, ELEVATION, FREEBOARD, NORTH
+from taichi_sim.conventions import EAST, ELEVATION, FREEBOARD, NORTH, QW
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken2
 from taichi_sim.kernels.lanes import align_stack, laned, laned1, laned3, vectors
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, own_numbers
+from taichi_sim.kernels.position import move
 from taichi_sim.kernels.rigid_body import angular, linear
 from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix, store
 from taichi_sim.kernels.runtime import array2, array3, whole1
@@ -349,6 +350,7 @@ class Hull6Dof(Vessel):
         V_c = ti.Vector([around.current[e, NORTH], around.current[e, EAST], 0.0])
         air = taken2(around.wind, e, 3)
         outside = load_at(build, fleet.load, e, i)
+        start, way = pos, pos * 0.0
         plane = ti.Vector([pos[0] * 0.0, 0.0, 0.0])
         sums = ti.Vector([pos[0] * 0.0 for _ in range(water.SUMS)])
         tau_D, rate_D, bend_D = nu * 0.0, nu * 0.0, nu * 0.0  # diffraction load and its rates (radiation.py)
@@ -357,7 +359,8 @@ class Hull6Dof(Vessel):
             tau = (n + 0.5) * ti.static(self.dt)
             if ti.static(self.by_panels):  # the half turns of this step and the last one are made as one
                 turn = ti.select(n == 0, ti.static(0.5 * self.dt), ti.static(self.dt))
-                pos, q, R = motion.drift(self.dt, pos, q, nu, turn)
+                way, q, R = motion.drift(self.dt, way, q, nu, turn)
+                pos = start + way
             sums, L, J = water.at(self.gauge, build, around, e, tau, pos, R, D + change)
             D_next = L - ti.Vector([pos[0], pos[1]])
             fresh = D.norm_sqr() + change.norm_sqr() == 0.0  # without a last step there is no change
@@ -378,19 +381,21 @@ class Hull6Dof(Vessel):
                 driven += self.radiation.diffraction_load(n, tau_D, rate_D, bend_D)
                 driven += self.radiation.memory_load(tables, fleet.lanes, e, i, R, nu, nu_dot, V_c)
                 driven = up + driven + blown + outside
-                pos, nu, nu_dot = motion.kick(self, p, pos, nu, nu_dot, R, driven, now, V_c, sums)
+                way, nu, nu_dot = motion.kick(self, p, way, nu, nu_dot, R, driven, now, V_c, sums)
             else:
-                y = motion.pack(pos, q, nu)
-                pos, q, nu = motion.runge_kutta(self, p, y, controls, command, blown + outside, V_c, sums)
+                y = motion.pack(way, q, nu)
+                way, q, nu = motion.runge_kutta(self, p, start[2], y, controls, command, blown + outside, V_c, sums)
                 R = rotation_matrix(q)
+            pos = start + way
             controls = self.drive.lagged(self.thrusters, p, controls, command, 1.0)
         if ti.static(self.by_panels):
             q = quaternion_advance(q, angular(nu), ti.static(0.5 * self.dt))
             R = rotation_matrix(q)
         store(fleet.derived, e, i, R, R @ linear(nu))
         y = motion.pack(pos, q, nu)
-        for c in ti.static(range(13)):
+        for c in ti.static(range(QW, 13)):
             state[e, i, c] = y[c]
+        move(fleet, e, i, start, way)
         nu_r = motion.through_water(self, nu, R, V_c, sums)
         drag = linear(motion.damping_load(self.params.hydrodynamics, p, nu_r))
         motion.note(aux, e, i, D, change, nu_dot, linear(up), drag, linear(blown))
