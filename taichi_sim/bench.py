@@ -198,7 +198,7 @@ class Bench:
         """Step `times` control steps with the action held: [action], or what broadcasts to [env, vehicle, action]."""
         given = torch.as_tensor(action, dtype=self.state.dtype, device=self.state.device)
         self.fleet.action.copy_(given.expand_as(self.fleet.action))
-        interval = self.model.dt * self.model.substeps
+        interval = self.fleet.dt * self.model.substeps
         for _ in range(times):
             self._tell()
             self.model.step(self.fleet, self.around)

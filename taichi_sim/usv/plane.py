@@ -113,16 +113,16 @@ def attitude(psi, r, plane, rate):
 
 
 @ti.func
-def write_state(fleet: ti.template(), e, i, start, s, plane, before, memory, V_c, dt: ti.template()):
+def write_state(fleet: ti.template(), e, i, start, s, plane, before, memory, V_c, dt):
     """Write all columns of vehicle i in environment e: planar motion s on the water plane, auxiliary state `memory`.
 
     The control step began at `start` (m, n). `before` is the water plane a substep of dt (s) earlier.
     """
-    q, omega = attitude(s[2], s[5], plane, (plane - before) / ti.static(dt))
+    q, omega = attitude(s[2], s[5], plane, (plane - before) / dt)
     R_nb = rotation_matrix(q)
     c, sine = heading(R_nb)
     v_n = ti.Vector([c * s[3] - sine * s[4] + V_c[0], sine * s[3] + c * s[4] + V_c[1], 0.0])
-    v_n[2] = (before[0] - plane[0]) / ti.static(dt)
+    v_n[2] = (before[0] - plane[0]) / dt
     store(fleet.derived, e, i, R_nb, v_n)
     v_b = R_nb.transpose() @ v_n
     move(fleet, e, i, start, ti.Vector([s[0], s[1]]))

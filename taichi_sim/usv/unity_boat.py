@@ -83,6 +83,7 @@ class UnityBoatParams(Strict):
 class BoatNumbers(NamedTuple):
     """Numbers of one boat that the kernel uses."""
 
+    dt: Number  # physics step, s
     weight: Number  # N
     preload: Number  # preload of a corner's spring, N
     inverse_mass: Number  # 1/kg
@@ -115,7 +116,7 @@ class UnityBoat(Vessel):
     Params = UnityBoatParams
     action_names = ("acceleration", "yaw")
     control_names = ("I_v", "I_h")
-    aux_size = 4
+    aux_size, free_step = 4, True
     varying = (
         "mass", "force_factor", "yaw_factor", "pitch_factor", "roll_factor", "drag", "angular_drag",
         "buoyancy_stiffness", "buoyancy_damping",
@@ -135,6 +136,7 @@ class UnityBoat(Vessel):
         mass = values["mass"]
         Ix, Iy, Iz = (mass * share for share in self.params.inertia_shares)
         return BoatNumbers(
+            dt=self.dt,
             weight=mass * GRAVITY,
             preload=mass * GRAVITY / 4,
             inverse_mass=1 / mass,
@@ -225,15 +227,15 @@ class UnityBoat(Vessel):
         level = pos[2] * 0.0
         for n in range(self.substeps):
             R = rotation_matrix(q)
-            D_next, heights = self.surface(around, build, e, n * ti.static(self.dt), pos, R, D + change)
+            D_next, heights = self.surface(around, build, e, n * p.dt, pos, R, D + change)
             change = D_next - D
             D = D_next
             force, torque = self.loads(p, pos, R, v, omega, heights, I_v, I_h, tau)
             v, omega = self.physx_velocities(p, v, omega, force, torque)
             # two terms, so that a boat without current has the same bits
-            way += v * ti.static(self.dt) + V_c * ti.static(self.dt)
+            way += v * p.dt + V_c * p.dt
             pos = start + way
-            q = quaternion_advance(q, omega, ti.static(self.dt))
+            q = quaternion_advance(q, omega, p.dt)
             level = 0.25 * heights.sum()
         v += V_c
         y = ti.Vector([way[0], way[1], way[2], q[0], q[1], q[2], q[3], v[0], v[1], v[2], omega[0], omega[1], omega[2]])
@@ -288,6 +290,6 @@ class UnityBoat(Vessel):
     @ti.func
     def physx_velocities(self, p: ti.template(), v, omega, force, torque):
         """Velocity in n and rates in b after one step of PhysX: the impulse first, then the drag."""
-        v_next = (v + force * (self.dt * p.inverse_mass)) * (1 - p.drag * self.dt)
-        omega_next = omega + self.angular_acceleration(p, torque) * ti.static(self.dt)
-        return v_next, omega_next * (1 - p.angular_drag * self.dt)
+        v_next = (v + force * (p.dt * p.inverse_mass)) * (1 - p.drag * p.dt)
+        omega_next = omega + self.angular_acceleration(p, torque) * p.dt
+        return v_next, omega_next * (1 - p.angular_drag * p.dt)

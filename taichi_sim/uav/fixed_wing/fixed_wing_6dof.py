@@ -168,13 +168,14 @@ class FixedWing6DOF(Aircraft):
         self.cruise = trim(plan, plan.envelope.airspeed)
         self.neutral = tuple(float(x) for x in self.cruise.controls)
         limit = largest_stable_dt(plan, self.cruise)
+        self.longest_step = limit.dt
         if dt > limit.dt:
             raise ConfigError(f"dt = {dt} s: {limit.reason}; the largest stable dt is {limit.dt:.3g} s")
         self.stall_angles = stall_angles(plan)
         pilot = plan.autopilot or AutopilotParams()
         self.protected = plan.autopilot is not None and pilot.protection
         self.actions = "surfaces" if plan.autopilot is None else pilot.actions
-        self.action_names = ACTION_NAMES[self.actions]
+        self.action_names, self.free_step = ACTION_NAMES[self.actions], self.actions == "surfaces"
         self.autopilot_limits = limits(plan, pilot)
         self.gains = gains(plan, self.cruise, self.autopilot_limits, dt)
 
@@ -292,7 +293,7 @@ class FixedWing6DOF(Aircraft):
             gust = ti.select(begins, drawn, gust)
         shear, W20 = around.air[0], local_air.wind_at_20_feet(build.air, around, wind_10, e)
         v_mean = attitude_of(y) @ velocity_of(y) - local_air.mean_wind(build.air, wind_10, shear, y)
-        f = local_air.turbulence_filter(build.air, v_mean.norm(), -y[2], W20, self.dt)
+        f = local_air.turbulence_filter(build.air, v_mean.norm(), -y[2], W20, p.dt)
         met = local_air.velocity_at(build.air, wind_10, shear, gust, f, v_mean, y, time)
         y = with_velocity(y, velocity_of(y) - attitude_of(y).transpose() @ met)
         start, way = position_of(y), 0.0 * met
@@ -300,14 +301,14 @@ class FixedWing6DOF(Aircraft):
         for n in range(self.substeps):
             R = attitude_of(y)
             command, pilot = commands(self, action, asked, R, y, met, pilot)
-            delta, held = actuators.advance(self.p.actuators, p, self.dt, delta, command)
+            delta, held = actuators.advance(self.p.actuators, p, delta, command)
             if ti.static(build.air.gusty):
-                change = local_air.gust_ahead(build.air, y, R @ velocity_of(y) + met, time, self.dt)
+                change = local_air.gust_ahead(build.air, y, R @ velocity_of(y) + met, time, p.dt)
                 y, met = with_velocity(y, velocity_of(y) - R.transpose() @ change), met + change
-            y = rk4(self.p, p, with_position(y, 0.0 * way), held, tau, self.dt)
-            way += position_of(y) + self.dt * met
+            y = rk4(self.p, p, with_position(y, 0.0 * way), held, tau, p.dt)
+            way += position_of(y) + p.dt * met
             y = with_position(y, start + way)
-            time += self.dt
+            time += p.dt
             if ti.static(not build.air.steady):
                 count = clock * ti.static(self.substeps + 1) + n
                 gust = local_air.turbulence_step(build.air, gust, f, seed, count, env, i)
@@ -335,7 +336,7 @@ class FixedWing6DOF(Aircraft):
         store(fleet.derived, e, i, R, R @ v)
         put(fleet.state, e, i, QW, [y[3], y[4], y[5], y[6], v[0], v[1], v[2], y[10], y[11], y[12]])
         stalled = (readings[1] > self.stall_angles[1]) | (readings[1] < self.stall_angles[0])
-        stall = taken(fleet.aux, e, i, STALL_TIME, 1)[0] + ti.static(self.dt * self.substeps)
+        stall = taken(fleet.aux, e, i, STALL_TIME, 1)[0] + p.dt * ti.static(float(self.substeps))
         put(fleet.aux, e, i, DEFLECTIONS, [delta[0], delta[1], delta[2], delta[3]])
         put(fleet.aux, e, i, READINGS, [readings[0], readings[1], readings[2], readings[3]])
         put(fleet.aux, e, i, WIND, [met[0], met[1], met[2], ti.select(stalled, stall, 0.0)])

@@ -205,7 +205,7 @@ def drift(dt: ti.template(), way, q, nu, turn):
     """Way, attitude and R_nb in the middle of a step, after a turn for `turn` s and half a step's translation."""
     q = quaternion_advance(q, angular(nu), turn)
     R = rotation_matrix(q)
-    return way + ti.static(0.5 * dt) * (R @ linear(nu)), q, R
+    return way + 0.5 * dt * (R @ linear(nu)), q, R
 
 
 @ti.func
@@ -214,9 +214,9 @@ def kick(hull: ti.template(), p: ti.template(), way, nu, nu_dot, R, tau, control
 
     For damping and Coriolis, the velocity in the middle is predicted with the last step's nu_dot.
     """
-    nu_dot = acceleration(hull, p, nu + ti.static(0.5 * hull.dt) * nu_dot, R, tau, controls, V_c, sums)
-    nu = nu + ti.static(hull.dt) * nu_dot
-    return way + ti.static(0.5 * hull.dt) * (R @ linear(nu)), nu, nu_dot
+    nu_dot = acceleration(hull, p, nu + 0.5 * p.dt * nu_dot, R, tau, controls, V_c, sums)
+    nu = nu + p.dt * nu_dot
+    return way + 0.5 * p.dt * (R @ linear(nu)), nu, nu_dot
 
 
 @ti.func
@@ -236,13 +236,13 @@ def runge_kutta(hull: ti.template(), p: ti.template(), z, y, controls, command, 
     for stage in range(4):
         ahead = 0.5 * ((stage + 1) // 2)  # 0, 1/2, 1/2, 1 of the step
         now = hull.drive.lagged(hull.thrusters, p, controls, command, ahead)
-        y_s = y + (ahead * ti.static(hull.dt)) * slope
+        y_s = y + (ahead * p.dt) * slope
         R = rotation_matrix(ti.Vector([y_s[3], y_s[4], y_s[5], y_s[6]]))
         tau = load + linear_load(hull.params.linear, p, z + y_s[2], R, sums)
         tau += hull.drive.load(hull.thrusters, p, now)
         slope = derivative(hull, p, y_s, R, tau, now, V_c, sums)
         total += ti.select(stage % 3 == 0, 1.0, 2.0) * slope
-    pos, q, nu = unpack(y + ti.static(hull.dt / 6) * total)
+    pos, q, nu = unpack(y + p.dt / 6 * total)
     return pos, q / q.norm(), nu
 
 
