@@ -167,6 +167,7 @@ class Bench:
             for x in (position, euler, velocity_b, angular_velocity_b)
         )
         self.state[..., POSITION], self.state[..., VELOCITY] = place, v
+        self.fleet.remainder.zero_()
         self.state[..., QUATERNION] = torch_quaternion_from_euler(*angles.unbind(-1))
         self.state[..., ANGULAR_VELOCITY] = omega
         self.refresh()
@@ -204,7 +205,7 @@ class Bench:
         """Step `times` control steps with the action held: [action], or what broadcasts to [env, vehicle, action]."""
         given = torch.as_tensor(action, dtype=self.state.dtype, device=self.state.device)
         self.fleet.action.copy_(given.expand_as(self.fleet.action))
-        interval = self.model.dt * self.model.substeps
+        interval = self.fleet.dt * self.model.substeps
         for _ in range(times):
             self._tell()
             self.model.step(self.fleet, self.around)
@@ -253,14 +254,13 @@ class Bench:
         """Present motion of the first vehicles (copies)."""
         state = self.state[:, 0].double().cpu()
         nu = torch.cat((state[:, VELOCITY], state[:, ANGULAR_VELOCITY]), dim=1)
-        return Motion(
-            state[:, POSITION].numpy().copy(), torch_euler_from_quaternion(state[:, QUATERNION]).numpy(), nu.numpy()
-        )
+        euler = torch_euler_from_quaternion(state[:, QUATERNION])
+        return Motion(self.fleet.position_exact[:, 0].cpu().numpy(), euler.numpy(), nu.numpy())
 
     @property
     def position(self) -> Array:
         """Position of the first vehicle [3], NED, m."""
-        return self.state[0, 0, POSITION].double().cpu().numpy().copy()
+        return self.fleet.position_exact[0, 0].cpu().numpy()
 
     @property
     def velocity(self) -> Array:

@@ -1,6 +1,7 @@
 """One team: the state of its vehicles in every environment, and quantities derived from it."""
 
 from collections.abc import Mapping
+from copy import copy
 from typing import Any
 
 import torch
@@ -25,6 +26,7 @@ from taichi_sim.conventions import (
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.lanes import laned, width
 from taichi_sim.kernels.packs import FleetPack
+from taichi_sim.kernels.position import HALF_DIGIT
 from taichi_sim.kernels.rotation import (
     DERIVED_SIZE,
     DOWN,
@@ -111,25 +113,28 @@ class Fleet(Views):
     """Vehicles of one model in every environment; the views share memory with the tensors of the kernels.
 
     Attributes, besides those of `Views`:
+        remainder: [env, vehicle, 3], what `state` cannot hold of the position, m: `position_exact` reads it.
         surface: [env, vehicle, 2], elevation under a vessel and its freeboard (conventions.py).
         action: [env, vehicle, action], actions of the coming or the last step.
         never: bool [env, vehicle], false, for endings that cannot happen; read only.
         varied: whether numbers differ between environments (`set_numbers`).
         loaded: whether `load` has been used.
         touch: contact memory of a team with legs in a world with decks; None otherwise.
+        dt: physics step, s (`set_step`).
         few: whether there are so few vehicles that kernels run on the calling thread only.
     """
 
-    STATE = ("surface", "action", "_vary", "_numbers", "_load", "touch")
+    STATE = ("remainder", "surface", "action", "_vary", "_numbers", "_load", "touch")
 
     def __init__(self, name: str, model: Vehicle, num_envs: int, count: int):
         """Allocate `count` vehicles of `model` in each environment, at rest at the origin."""
         run = self._program = runtime.current()
         options: dict[str, Any] = {"dtype": run.torch_dtype, "device": run.device}
-        self.name, self.count, self.num_envs = name, count, num_envs
+        self.name, self.count, self.num_envs, self.dt = name, count, num_envs, model.dt
         sizes = STATE_SIZE, DERIVED_SIZE, max(model.aux_size, 1)
         super().__init__(model, *(torch.zeros((num_envs, count, size), **options) for size in sizes))
         self.state[..., QUATERNION.start] = 1.0
+        self.remainder = torch.zeros_like(self.position_n)
         self.surface = torch.zeros((num_envs, count, SURFACE_SIZE), **options)
         self.surface[..., FREEBOARD] = NO_DECK
         self.action = torch.zeros((num_envs, count, max(len(model.action_names), 1)), **options)
@@ -158,6 +163,24 @@ class Fleet(Views):
         """Number and model of the vehicles: "3 x Hull6Dof in 64 environments"."""
         return f"{self.count} x {type(self.model).__name__} in {number(self.num_envs, 'environment')}"
 
+    # -- position --------------------------------------------------------------------------------------------------
+
+    @property
+    def position_exact(self) -> Tensor:
+        """Position [env, vehicle, 3], float64, to the sum of all steps: `position_n` and its remainder (position.py).
+
+        `position_n` has 24 bits: 1 mm at 10 km from the origin, 6 cm at 1,000 km.
+        """
+        place = self.position_n.double()
+        rest = self.remainder.double()
+        return place + torch.where(rest.abs() <= HALF_DIGIT * place.abs(), rest, 0.0)
+
+    def move(self, way: Tensor) -> None:
+        """Move all vehicles by `way` [env, vehicle, 3] (NED, m): for models in torch, which lose no short way then."""
+        place = self.position_exact + way
+        self.position_n.copy_(place)
+        self.remainder.copy_(place - self.position_n)
+
     # -- kernels ---------------------------------------------------------------------------------------------------
 
     @property
@@ -175,6 +198,7 @@ class Fleet(Views):
             action=self.action,
             numbers=self._unused if self._numbers is None else self._numbers,
             load=self._unused if self._load is None else self._load,
+            remainder=self.remainder,
             lanes=laned(self._unused if self.aux.shape[-1] % width() else self.aux),
         )
 
@@ -268,7 +292,7 @@ class Fleet(Views):
         for key, value in values.items():
             self.model.check_varies(key)
             fresh[..., self.model.varying.index(key)] = self._checked(key, value, shape)
-        self.give_numbers(fresh, self.model.numbers(fresh), rows)
+        self.give_numbers(fresh, self.numbers_of(fresh), rows)
 
     def give_numbers(self, vary: Tensor, numbers: Tensor, envs: Tensor) -> None:
         """Set all numbers of the vehicles of environments `envs` [n], int64, without checks.
@@ -281,11 +305,42 @@ class Fleet(Views):
         if self._vary is None:
             self._program.check()
             self._vary = whole = self.nominal.expand(*self.state.shape[:2], -1).clone()
-            self._numbers = self.model.numbers(whole).to(self.state.dtype).contiguous()
+            self._numbers = self.numbers_of(whole).to(self.state.dtype).contiguous()
             self._pack = self._packed()
         assert self._vary is not None and self._numbers is not None
         self._vary[envs] = vary
         self._numbers[envs] = numbers.to(self.state.dtype)
+
+    def set_step(self, dt: float) -> None:
+        """Go on with steps of dt (s). After the first call, no kernel is compiled anew.
+
+        Raises:
+            ConfigError: for a model whose kernels are compiled for their step, or a dt that is not stable.
+        """
+        model = self.model
+        if not model.free_step or not dt <= model.longest_step:
+            why = f"at most {model.longest_step:.3g} s is stable" if model.free_step else "its kernels hold their step"
+            raise ConfigError(f"{self.name}: {type(model).__name__} cannot step by {dt:g} s: {why}")
+        self.dt = dt
+        vary = (self.nominal if self._vary is None else self._vary).expand(*self.state.shape[:2], -1).clone()
+        if bool((vary == self.nominal).all()):  # floats are faster: an autopilot's frames may change at each step
+            numbers = torch.tensor(self._stepped.own(model.nominal), dtype=torch.float64, device=vary.device)
+        else:
+            numbers = self.numbers_of(vary)
+        self.give_numbers(vary, numbers, self._all)
+
+    @property
+    def _stepped(self) -> Vehicle:
+        """The model with steps of `dt`, for its numbers."""
+        if self.model.dt == self.dt:
+            return self.model
+        stepped = copy(self.model)
+        stepped.dt = self.dt
+        return stepped
+
+    def numbers_of(self, vary: Tensor) -> Tensor:
+        """The model's numbers [.., n], float64, for the values `vary` [.., len(model.varying)] and steps of `dt`."""
+        return self._stepped.numbers(vary)
 
     def _checked(self, key: str, value: ArrayLike | Tensor, shape: tuple[int, int]) -> Tensor:
         """Values [n, vehicle], float64, of a parameter; the vehicle file's rules check the extreme ones."""

@@ -79,7 +79,7 @@ class Vehicle:
 
     Attributes:
         params: the vehicle file's numbers.
-        dt: physics step, s.
+        dt: physics step, s; that of a fleet is `Fleet.dt`.
         substeps: physics steps of a control step.
     """
 
@@ -92,6 +92,11 @@ class Vehicle:
     varying: tuple[str, ...] = ()
     file_keys: ClassVar[tuple[str, ...]] = ()
     ending_names: tuple[str, ...] = ()
+    free_step: bool = False
+    """Whether kernels take the physics step from the numbers (`own`, whose entry `dt` it is), so that `Fleet.set_step`
+    changes it without compiling anything."""
+    longest_step: float = math.inf
+    """Largest stable physics step, s."""
     controller: ClassVar[Any] = None
     """A classical controller class for missions that have none for this vehicle; it is built from the model."""
 
@@ -269,7 +274,7 @@ class Vehicle:
 
     # -- numbers that vary -----------------------------------------------------------------------------------------
 
-    @property
+    @cached_property
     def nominal(self) -> dict[str, float]:
         """The value in the vehicle file of each key in `varying`."""
         data = self.params.model_dump()

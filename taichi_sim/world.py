@@ -347,6 +347,7 @@ class World(Stateful):
         fleet.model.reset_aux(aux, state, around)
         fleet.surface.index_copy_(0, rows, surface)
         fleet.state.index_copy_(0, rows, state)
+        fleet.remainder.index_fill_(0, rows, 0.0)
         fleet.aux.index_copy_(0, rows, aux)
         fleet.update(rows)
         self.contacts.place(fleet, rows)

@@ -5,6 +5,8 @@ import random
 import struct
 from collections.abc import Callable
 
+import numpy as np
+
 Wire = Callable[[bytes], bytes | None]  # what comes back for a packet; None: nothing
 
 
@@ -50,3 +52,34 @@ class Peer:
     def restart(self) -> None:
         """SITL begins anew at frame 0."""
         self.frame, self.heard, self.old = 0, {}, []
+
+
+class PacedPeer(Peer):
+    """A peer that changes its frame rate as ArduPilot does (SIM_JSON.cpp, SIM_Aircraft.cpp), in single precision.
+
+    Its rate follows the time stamps of the answers, and from there moves toward `target` (SIM_RATE_HZ) by 1 Hz a frame.
+    Packets hold its whole part.
+
+    Attributes:
+        sent: rates of the packets, Hz. stamps: of the answers, s.
+    """
+
+    LEAST, MOST = 1e-9, 0.1  # s between time stamps that it takes for a frame
+
+    def __init__(self, wire: Wire, rate: int, target: int):
+        """Begin at `rate`, Hz."""
+        super().__init__(wire, rate)
+        self.exact, self.target = np.float32(rate), np.float32(target)
+        self.sent, self.stamps = [], [0.0]
+
+    def step(self, pwm) -> dict:
+        """One frame."""
+        self.rate = int(self.exact)
+        self.sent.append(self.rate)
+        answer = super().step(pwm)
+        self.stamps.append(answer["timestamp"])
+        length = self.stamps[-1] - self.stamps[-2]
+        if self.LEAST < length < self.MOST:
+            self.exact = np.float32(1.0 / length)
+        self.exact = min(max(self.target, self.exact - np.float32(1.0)), self.exact + np.float32(1.0))
+        return answer

@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 import pytest
-from sitl_peer import Peer
+from sitl_peer import PacedPeer, Peer
 from test_recording import column
 
 from taichi_sim.config import AirConfig, ConfigError, SeaConfig
@@ -104,6 +104,81 @@ def test_another_frame_rate_goes_on_from_the_same_motion():
     assert after["timestamp"] == pytest.approx(before["timestamp"] + 1 / 50)
     way = np.subtract(after["position"], before["position"])
     assert way == pytest.approx(np.array(before["velocity"]) / 50, rel=0.02, abs=1e-5)
+
+
+@pytest.mark.parametrize(("start", "target"), [(1200, 1140), (400, 460), (50, 120), (60, 40), (400, 401), (1200, 1200)])
+def test_the_rate_of_an_autopilot_reaches_what_it_asks_for(start, target):
+    """ArduPilot judges its frames by our time stamps: it gets to its rate in a frame for each Hz, and stays there."""
+    _paced("cybership2", start, target)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("vehicle", ["otter", "x500", "aerosonde", "kvlcc2"])
+@pytest.mark.parametrize(("start", "target"), [(1200, 400), (400, 1200), (50, 400), (400, 20), (20000, 19990)])
+def test_the_rate_of_an_autopilot_reaches_what_it_asks_for_by_far(vehicle, start, target):
+    _paced(vehicle, start, target)
+
+
+def _paced(vehicle, start, target):
+    session = _session(vehicle)
+    peer, whole = PacedPeer(_wire(session), start, target), abs(target - start)
+    for _ in range(whole + 20):
+        peer.step([1500] * 4)
+    way = range(start, target, 1 if target > start else -1)
+    assert peer.sent[: whole + 1] == [*way, target] and set(peer.sent[whole:]) == {target}
+    assert np.diff(peer.stamps) == pytest.approx(1 / np.array(peer.sent), rel=1e-9)
+    assert session.craft.bench.time.item() - peer.stamps[-1] < 0.21  # (the warm-up)
+    assert not session.counts.refused
+
+
+def test_a_rate_that_changes_in_every_frame_leaves_the_motion_as_it_is():
+    """Twice the way of a boat at full ahead: at 400 Hz, and from 380 Hz to 420 Hz by 1 Hz a frame."""
+    ends = []
+    for rates in ([400] * 200, list(range(380, 420)) * 5):
+        peer = Peer(_wire(_session("otter_3dof")), 400)
+        for rate in rates:
+            peer.rate = rate
+            last = peer.step([1500, 0, 2000])
+        ends.append((last["position"][0], last["velocity"][0], last["timestamp"]))
+    assert ends[0] == pytest.approx(ends[1], rel=1e-2)
+    assert ends[1][2] == pytest.approx(5 * sum(1 / rate for rate in range(380, 420)))
+
+
+@pytest.mark.parametrize("rate", [50, 400, 1200, 4000])
+def test_a_multirotor_is_released_when_its_rotors_lift_it_at_any_rate(rate):
+    """At rest, thrust is k_f times the sum of the squares of the rotors' speeds: at half a per cent more than what its
+    weight needs, it is released, and at half a per cent less it is not.
+    """
+    craft, held = Craft("x500"), []
+    craft.begin(rate)
+    rotor, hover = craft.model.plan.rotor, craft.model.allocation.hover
+    weight = craft.model.p.physical.mass * GRAVITY
+    assert rotor.k_f * sum(speed**2 for speed in hover) == pytest.approx(weight, rel=1e-6)
+    for share in (0.995, 1.005):
+        speeds = share**0.5 * np.array(hover)
+        for name, speed in zip(craft.model.control_names, speeds, strict=True):
+            craft.bench.fleet.reading(name).fill_(speed)
+        width = np.rint(1000 + 1000 * (speeds - rotor.omega_min) / (rotor.omega_max - rotor.omega_min)).astype(int)
+        craft.advance(tuple(width.tolist()))
+        held.append(craft.held)
+    assert held == [True, False]
+
+
+@pytest.mark.parametrize("rate", [400, 1200])
+def test_a_boat_far_away_reports_the_way_of_its_velocity(rate):
+    """10 km from where it began, where f32 has 1 mm, at 1.3 m/s."""
+    craft = Craft("otter_3dof")
+    craft.begin(rate)
+    craft.bench.state[0, 0, 0] += 10_000.0
+    craft.bench.state[0, 0, 7] = 1.3
+    craft.bench.fleet.update()
+    begun, speeds = craft.sensors(), []
+    for _ in range(rate // 2):
+        craft.advance((1500, 0, 1600) + (0,) * 13)
+        speeds.append(craft.sensors().velocity[0])
+    whole = [begun.velocity[0], *speeds]
+    path = sum(0.5 * (a + b) for a, b in zip(whole[:-1], whole[1:], strict=True)) / rate
+    assert craft.sensors().position[0] - begun.position[0] == pytest.approx(path, rel=1e-4)
 
 
 def test_sensors_of_a_vessel_agree_with_each_other():

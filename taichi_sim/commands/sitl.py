@@ -125,7 +125,7 @@ def serve(args: argparse.Namespace) -> None:
                 printed = time.monotonic()
                 for session in sessions:
                     print(session.state(printed - began), flush=True)
-            if args.duration and all(s.last and s.craft.frames >= args.duration * s.craft.rate for s in sessions):
+            if args.duration and all(s.last and s.craft.time > args.duration - 0.5 / s.craft.rate for s in sessions):
                 return
 
 
@@ -158,9 +158,12 @@ def _opened(
 def _answer(wire: socket.socket, session: Session) -> None:
     """Answer a packet."""
     data, sender = wire.recvfrom(LARGEST)
+    known = len(session.counts.refused)
     answer = session.receive(data, sender)
     if answer is not None:
         wire.sendto(answer, sender)
+    elif len(session.counts.refused) > known:  # at once, because whoever sent it waits for an answer
+        print(f"refused: {next(reversed(session.counts.refused))}", file=sys.stderr, flush=True)
 
 
 def _let_in(door: socket.socket, session: "Px4Session", wires: selectors.BaseSelector, open_things: ExitStack) -> None:

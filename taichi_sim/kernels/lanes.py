@@ -129,6 +129,12 @@ def is_laned(x: object) -> bool:
     return isinstance(x, Expr) and x.is_tensor() and x.get_shape() == (WIDTH,) and whole()
 
 
+@in_kernels
+def lane_of(x: Any, lane: Any) -> Any:
+    """A number in one lane of x, or x itself if it is the same in all."""
+    return impl.subscript(None, x, lane) if is_laned(x) else x
+
+
 @cache
 def teach() -> None:
     """Let Taichi's front end compile v += w and the like for whole vectors, and fuse their products and sums.

@@ -93,7 +93,7 @@ class Recorder:
         env = torch.tensor([self.env], device=team.state.device)
         place = team.position_n[env]
         values = {
-            "position_n": place[0],
+            "position_n": team.position_exact[self.env],
             "quaternion_nb": team.quaternion_nb[self.env],
             "velocity_n": team.velocity_n[self.env],
             "angular_velocity_b": team.angular_velocity_b[self.env],

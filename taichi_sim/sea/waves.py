@@ -44,7 +44,7 @@ import taichi as ti
 
 from taichi_sim.conventions import AMPLITUDE, BX, BY, KX, KY, OMEGA, SEA_ROWS, K
 from taichi_sim.kernels import fast
-from taichi_sim.kernels.lanes import WIDTH, blocks, is_laned, row_of, totals, variables
+from taichi_sim.kernels.lanes import WIDTH, blocks, is_laned, lane_of, row_of, totals, variables
 
 SMALLEST_DETERMINANT = 1e-4  # lower limit of the Jacobian in Newton's method, to keep a step finite at a cusp
 
@@ -106,8 +106,9 @@ def displacement_and_corners(around: ti.template(), count: ti.template(), e, X, 
         found = [X * 0.0 for _ in ti.static(range(6))]
         for lane in range(WIDTH):
             one = _corner_sums(
-                around, count, e[lane], x[lane], y[lane], f[0][lane], f[1][lane], g[0][lane], g[1][lane], tau
-            )
+                around, count, e[lane], x[lane], y[lane], f[0][lane], f[1][lane], g[0][lane], g[1][lane],
+                lane_of(tau, lane),
+            )  # fmt: skip
             for k in ti.static(range(6)):
                 found[k][lane] = one[k]
         return ti.Vector([found[0], found[1]]), ti.Vector([found[2], found[3], found[4], found[5]])

@@ -19,7 +19,7 @@ from ipaddress import ip_address
 from taichi_sim.sitl.craft import Counts, Craft, Sensors, Servos
 
 MAGIC = {18458: 16, 29569: 32}  # magic -> servo channels
-RATES = (1, 10000)  # lowest and highest frame rate, Hz
+LOWEST = 1  # lowest frame rate, Hz
 LONGEST_GAP = 2.0  # s; after a longer gap the lost frames are skipped
 Address = tuple[str, int]
 
@@ -32,7 +32,7 @@ def parse(data: bytes) -> Servos:
     """Decode a packet with 16 or 32 channels.
 
     Raises:
-        PacketError: for a wrong length, an unknown magic, or a frame rate out of range.
+        PacketError: for a wrong length, an unknown magic, or a frame rate of zero.
     """
     if len(data) < 2:
         raise PacketError(f"{len(data)} bytes are no packet")
@@ -45,8 +45,8 @@ def parse(data: bytes) -> Servos:
     if len(data) != size:
         raise PacketError(f"{len(data)} bytes of {size}: a packet of {channels} channels cut short, or too long")
     _, rate, frame, *pwm = struct.unpack(f"<HHI{channels}H", data)
-    if not RATES[0] <= rate <= RATES[1]:
-        raise PacketError(f"frame_rate {rate} Hz: allowed are {RATES[0]} to {RATES[1]}")
+    if rate < LOWEST:
+        raise PacketError(f"frame_rate {rate} Hz: allowed are {LOWEST} Hz and more")
     return Servos(rate, frame, tuple(pwm))
 
 
@@ -94,7 +94,7 @@ class Session:
         if self.last is None:
             return f"waiting for ArduPilot{c.refusals}"
         return (
-            f"t {craft.frames / craft.rate:.1f} s at {craft.rate} Hz, {c.frames} frames ({c.frames / seconds:.0f}/s), "
+            f"t {craft.time:.1f} s at {craft.rate} Hz, {c.frames} frames ({c.frames / seconds:.0f}/s), "
             f"repeated {c.repeated}, lost {c.lost}, late {c.late}, restarts {c.restarts}{c.refusals}"
         )
 

@@ -14,8 +14,8 @@ import numpy as np
 from torch import Tensor
 
 from taichi_sim.bench import Bench
-from taichi_sim.config import AirConfig, ConfigError, SeaConfig
-from taichi_sim.conventions import GRAVITY, QUATERNION, VELOCITY
+from taichi_sim.config import AirConfig, SeaConfig
+from taichi_sim.conventions import DOWN, GRAVITY, QUATERNION, VELOCITY
 from taichi_sim.kernels.rotation import numpy_rotation_matrix, torch_euler_from_quaternion
 from taichi_sim.sitl.channels import PWM, Mixer, changes_for, default_channels
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
@@ -23,7 +23,8 @@ from taichi_sim.vehicle import Vehicle
 from taichi_sim.vehicles import Changes, load_vehicle
 
 LONGEST_STEP = 0.02  # s, longest physics step; frames below 50 Hz have several
-MOST_SUBSTEPS = 256
+SHORT = 1e-3  # s, a step that is stable for every vehicle
+ROUNDING = 1e-9  # of a number of steps
 WARM_UP = 5  # frames
 HELD_HEIGHT = 50.0  # m, height at which aircraft are held; they report their position from there
 OPEN = 0.6  # throttle at which a held aircraft is released
@@ -101,18 +102,20 @@ class Craft:
         """
         self.vehicle, self.changes = vehicle, dict(changes or {})
         self.sea, self.air, self.heading, self.seed, self.pwm = sea, air, heading, seed, pwm
-        first = load_vehicle(vehicle, 1e-3, 1, **self.changes)
+        first = load_vehicle(vehicle, SHORT, 1, **self.changes)
         for section, values in changes_for(first).items():
             self.changes[section] = values | self.changes.get(section, {}) | values
-        self.channels = channels or default_channels(load_vehicle(vehicle, 1e-3, 1, **self.changes))
-        self.rate, self.frames, self.held = 0, 0, False  # Hz; frames since the beginning; still at its place
-        self.model: Vehicle  # that of the present rate, as are bench and mixer
+        self.first = load_vehicle(vehicle, SHORT, 1, **self.changes)
+        self.channels = channels or default_channels(self.first)
+        self.rate, self.steps = 0, 1  # Hz; physics steps of a frame
+        self.frames, self.time, self.held = 0, 0.0, False  # since the beginning; s, likewise; still at its place
+        self.model: Vehicle  # that of the present rate, as are bench and mixer, if it has no free step
         self.bench: Bench
         self.mixer: Mixer
 
     def begin(self, rate: int) -> None:
         """Place the vehicle at rest at its initial position, for frames of `rate` Hz."""
-        self._build(rate)
+        self._follow(rate)
         b, air = self.bench, self.model.medium == "air"
         b.time.zero_()
         down = -HELD_HEIGHT if air else 0.0
@@ -121,67 +124,71 @@ class Craft:
         for name in self.model.control_names:  # rotors and propellers stand still
             if air and name in self.model.aux_names:
                 b.fleet.reading(name).zero_()
-        self.frames, self.held = 0, air
-        self.origin = self._state()[:3].copy()
+        self.frames, self.time, self.held = 0, 0.0, air
+        self.origin = b.position
         if not air:  # let it reach the motion of the water under it
-            b.step(self.mixer.actions(()), times=WARM_UP)
+            b.step(self.mixer.actions(()), times=WARM_UP * self.steps)
             self.origin[2] = 0.0
         self.before = self._velocity()
 
     def change_rate(self, rate: int) -> None:
         """Continue with frames of another rate, Hz; motion and time stay."""
-        old, seconds = self.bench, self.frames / self.rate
-        self._build(rate)
-        for new, kept in ((self.bench.state, old.state), (self.bench.aux, old.aux), (self.bench.surface, old.surface)):
-            new.copy_(kept)
-        self.bench.time.copy_(old.time)
-        self.bench.refresh()
-        self.bench.fleet.update()
-        self.frames = round(seconds * rate)
+        old = self.bench
+        self._follow(rate)
+        if self.bench is not old:
+            b, f, g = self.bench, self.bench.fleet, old.fleet
+            for new, kept in ((f.state, g.state), (f.remainder, g.remainder), (f.aux, g.aux), (f.surface, g.surface)):
+                new.copy_(kept)
+            b.time.copy_(old.time)
+            b.refresh()
+            f.update()
 
-    def _build(self, rate: int) -> None:
+    def _follow(self, rate: int) -> None:
+        """Step by frames of `rate` Hz: in the same bench, or in a new one if the kernels hold their step."""
         if rate == self.rate:
             return
-        substeps = max(1, math.ceil(1 / (rate * LONGEST_STEP) - 1e-9))
-        while True:
-            try:
-                self.model = load_vehicle(self.vehicle, 1 / (rate * substeps), substeps, **self.changes)
-                break
-            except ConfigError:
-                substeps *= 2
-                if substeps > MOST_SUBSTEPS:
-                    raise
-        sea = None if self.sea is None else self.sea.model_copy(update={"realisations": 1})
-        self.bench = Bench(self.model, sea=sea, air=self.air, seed=self.seed)
-        self.mixer = Mixer(self.model, self.channels, self.pwm)
-        self.rate = rate
+        longest = min(LONGEST_STEP, self.first.longest_step)
+        self.rate, self.steps = rate, max(1, math.ceil(1 / (rate * longest) - ROUNDING))
+        dt, free = 1 / (rate * self.steps), self.first.free_step
+        if not free or not hasattr(self, "bench"):
+            self.model = self.first if free else load_vehicle(self.vehicle, dt, 1, **self.changes)
+            sea = None if self.sea is None else self.sea.model_copy(update={"realisations": 1})
+            self.bench = Bench(self.model, sea=sea, air=self.air, seed=self.seed)
+            self.mixer = Mixer(self.model, self.channels, self.pwm)
+        if free:
+            self.bench.fleet.set_step(dt)
 
     def advance(self, pwm: tuple[int, ...]) -> None:
         """Advance by one frame under the servo outputs `pwm` (microseconds)."""
-        b, kept = self.bench, None
-        if self.held:
-            kept = b.state.clone()
+        b, kept = self.bench, self.bench.state.clone()
         self.before = self._velocity()
-        b.step(self.mixer.actions(pwm))
+        b.step(self.mixer.actions(pwm), times=self.steps)
         self.frames += 1
-        if kept is not None and not self._released(kept, pwm):
-            b.state.copy_(kept)
-            b.fleet.update()
+        self.time += 1 / self.rate
+        if self.held and not self._released(kept, pwm):
+            self._back(kept)
+
+    def _back(self, kept: Tensor) -> None:
+        """Put a held vehicle back to the state before the frame."""
+        b = self.bench
+        b.state.copy_(kept)
+        b.fleet.remainder.zero_()
+        b.fleet.update()
 
     def _released(self, kept: Tensor, pwm: tuple[int, ...]) -> bool:
-        """Whether a held vehicle, in state `kept` before the frame, is released: a multirotor when its rotors lift it,
-        an aircraft when its throttle opens.
+        """Whether a held vehicle, in state `kept` before the frame, is released: a multirotor when its rotors lift it:
+        the frame has given it a velocity upwards, from rest; an aircraft when its throttle opens.
         """
         b = self.bench
         if isinstance(self.model.params, FixedWingParams):
             if self.mixer.share("throttle", pwm) < OPEN:
                 return False
-            b.state.copy_(kept)
+            self._back(kept)
             b.state.copy_(self.model.settle(b.state.clone(), b.surface, b.around))
             self.model.reset_aux(b.aux, b.state, b.around)
             b.fleet.update()
             self.before = self._velocity()
-        elif not float(b.state[0, 0, 2]) < float(kept[0, 0, 2]):
+        elif not self._velocity()[DOWN] < 0.0:
             return False
         self.held = False
         return True
@@ -204,9 +211,9 @@ class Craft:
         speed = float(np.linalg.norm(met)) if air else None
         if air and "airspeed" in self.model.aux_names and not self.held:
             speed = float(self.bench.fleet.reading("airspeed")[0, 0])
-        position = s[:3] - self.origin
+        position = self.bench.position - self.origin
         return Sensors(
-            self.frames / self.rate, _three(s[10:13]), _three(force), _three(position), _three(euler),
+            self.time, _three(s[10:13]), _three(force), _three(position), _three(euler),
             (float(s[3]), float(s[4]), float(s[5]), float(s[6])), _three(velocity), speed,
             math.atan2(-met[1], -met[0]), float(math.hypot(met[0], met[1])),
         )  # fmt: skip

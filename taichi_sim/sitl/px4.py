@@ -123,7 +123,7 @@ class Px4Session:
         if not self.connected:
             return f"waiting for PX4{c.refusals}"
         return (
-            f"t {craft.frames / craft.rate:.1f} s, {c.frames} frames ({c.frames / seconds:.0f}/s), {c.waiting} before "
+            f"t {craft.time:.1f} s, {c.frames} frames ({c.frames / seconds:.0f}/s), {c.waiting} before "
             f"the first controls, sent again {c.resent}, late {c.late}, restarts {c.restarts}{c.refusals}"
         )
 

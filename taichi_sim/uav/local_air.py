@@ -139,7 +139,7 @@ def gust_ahead(air: ti.template(), position, v_n, time, dt: ti.template()):
 
     The aircraft is at `position` (NED, m) at `time` (s) and moves over ground with v_n (NED, m/s).
     """
-    ahead, half = v_n * 0.0, ti.static(0.5 * dt)
+    ahead, half = v_n * 0.0, 0.5 * dt
     if ti.static(air.gusty):
         there = ti.Vector([position[0] + half * v_n[0], position[1] + half * v_n[1]])
         ahead = gust_velocity(air.gust, there, time + half) - gust_velocity(air.gust, position, time)

@@ -28,13 +28,15 @@ from pydantic import Field
 from torch import Tensor
 
 from taichi_sim.config import NonNegative, Positive, Strict
-from taichi_sim.conventions import QUATERNION
+from taichi_sim.conventions import QUATERNION, QW, SURGE
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, fast, lanes
 from taichi_sim.kernels.abreast import group, put, taken
 from taichi_sim.kernels.packs import Build, FleetPack, load_at, own_numbers
+from taichi_sim.kernels.position import move
 from taichi_sim.kernels.rigid_body import quaternion_rate
 from taichi_sim.kernels.rotation import (
+    position_of,
     quaternion_from_euler,
     rotation_matrix,
     store,
@@ -189,7 +191,7 @@ class UnityAircraft(Aircraft):
             y, command = taken(fleet.state, e, i, 0, 13), taken(fleet.action, e, i, 0, 3)
             increment, angles = taken(fleet.aux, e, i, INCREMENT, 3), taken(fleet.aux, e, i, ANGLE, 3)
             tau = load_at(build, fleet.load, e, i)
-            rates = angles * 0.0
+            start, rates = position_of(y), angles * 0.0
             y, increment, angles, rates = self.advance(
                 own_numbers(self, build, fleet.numbers, e, i), build, y, increment, angles, command, tau
             )
@@ -198,18 +200,20 @@ class UnityAircraft(Aircraft):
             v = ti.Vector([y[7], y[8], y[9]])
             store(fleet.derived, e, i, R_nb, v)
             v_b, omega = R_nb.transpose() @ v, self.body_rates(angles, rates)
-            put(fleet.state, e, i, 0, [y[0], y[1], y[2], q[0], q[1], q[2], q[3]])
-            put(fleet.state, e, i, 7, [v_b[0], v_b[1], v_b[2], omega[0], omega[1], omega[2]])
+            move(fleet, e, i, start, position_of(y))
+            put(fleet.state, e, i, QW, [q[0], q[1], q[2], q[3]])
+            put(fleet.state, e, i, SURGE, [v_b[0], v_b[1], v_b[2], omega[0], omega[1], omega[2]])
             put(fleet.aux, e, i, INCREMENT, [increment[0], increment[1], increment[2]])
             put(fleet.aux, e, i, ANGLE, [angles[0], angles[1], wrap_pi(angles[2])])
 
     @ti.func
     def advance(self, p: ti.template(), build: ti.template(), y, increment, angles, command, tau):
-        """One control step: state (position, velocity in n), increments, angles, and rates of the angles after it."""
-        pos = ti.Vector([y[0], y[1], y[2]])
+        """One control step: state (way since its beginning, velocity in n), increments, angles, and rates of the angles
+        after it.
+        """
         v = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]])) @ ti.Vector([y[7], y[8], y[9]])
         boost = self.p.boost_min * fast.exp(ti.static(0.5 * math.log(self.boost_ratio)) * (command[2] + 1.0))
-        rates = angles * 0.0
+        rates, way = angles * 0.0, v * 0.0
         for _ in range(self.substeps):
             a = self.acceleration(p, build.loaded, angles, boost, tau)
             increment = self.smoothed(p, increment, angles, command[0], command[1])
@@ -217,9 +221,9 @@ class UnityAircraft(Aircraft):
             rates = (turned - angles) / self.dt
             angles = turned
             v = (v + a * self.dt) * (1 - p.drag * self.dt)
-            pos += v * ti.static(self.dt)
+            way += v * ti.static(self.dt)
         for k in ti.static(range(3)):
-            y[k], y[7 + k] = pos[k], v[k]
+            y[k], y[7 + k] = way[k], v[k]
         return y, increment, angles, rates
 
     @ti.func

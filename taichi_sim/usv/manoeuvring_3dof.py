@@ -37,6 +37,7 @@ from pydantic import model_validator
 from torch import Tensor
 
 from taichi_sim.config import ConfigError, Finite, NonNegative, Positive, Strict
+from taichi_sim.conventions import EAST, NORTH
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import fast
 from taichi_sim.kernels.abreast import taken, taken2
@@ -144,6 +145,7 @@ DAMPING = tuple(
     name for name in Manoeuvring3dofParams.model_fields if name[:2] in ("X_", "Y_", "N_") and "d" not in name
 )
 ManoeuvringNumbers = namedtuple("ManoeuvringNumbers", (
+    "dt",  # physics step, s
     "m11", "m22",  # kg
     "m23", "m32",  # kg m
     "m33",  # kg m^2
@@ -206,6 +208,7 @@ class Manoeuvring3dof(Vessel):
     aux_names = AUX
     aux_size = len(AUX)
     varying = VARYING
+    free_step = True
 
     def __init__(self, params: Manoeuvring3dofParams, dt: float, substeps: int):
         """Take `params`, the step dt (s) and the number of substeps in a control step.
@@ -216,7 +219,7 @@ class Manoeuvring3dof(Vessel):
         super().__init__(params, dt, substeps)
         if not dt <= params.largest_dt:
             raise ConfigError(f"dt = {dt} s is unstable for this vehicle: allowed are up to {params.largest_dt:.4g} s")
-        self.p = params
+        self.p, self.longest_step = params, params.largest_dt
         self.action_names = ACTION_NAMES[params.actions]
         self.backs = params.actions == "surge_sway_yaw"
 
@@ -239,7 +242,7 @@ class Manoeuvring3dof(Vessel):
         x = self.dt / (values["time_constant"] + AT_ONCE)
         lag_end = math.e**-x
         return ManoeuvringNumbers(
-            *(m11, m22, m23, m32, m33),
+            *(self.dt, m11, m22, m23, m32, m33),
             c13_r=0.5 * (m23 + m32),
             inverse_m11=1 / m11,
             inverse_det=1 / (m22 * m33 - m23 * m32),
@@ -283,17 +286,18 @@ class Manoeuvring3dof(Vessel):
             V_c = taken2(around.current, e, 2)
             tau = load_at(build, fleet.load, e, i)
             s, plane = planar(y, V_c)
-            before = plane
-            s, plane, before, memory = self.advance(
-                own_numbers(self, build, fleet.numbers, e, i), build, around, e, s, plane, memory, actions, tau, V_c
-            )
-            write_state(fleet, e, i, s, plane, before, memory, V_c, self.dt)
+            start = ti.Vector([y[NORTH], y[EAST]])
+            self.advance(
+                own_numbers(self, build, fleet.numbers, e, i), build, fleet, around, e, i, start, s, plane, memory,
+                actions, tau, V_c,
+            )  # fmt: skip
 
     @ti.func
     def advance(
-        self, p: ti.template(), build: ti.template(), around: ti.template(), e, s, plane, memory, actions, tau, V_c
-    ):
-        """s, water plane now and one substep earlier, and auxiliary state, after one control step."""
+        self, p: ti.template(), build: ti.template(), fleet: ti.template(), around: ti.template(), e, i, start, s,
+        plane, memory, actions, tau, V_c,
+    ):  # fmt: skip
+        """Advance vehicle i of environment e by one control step, and store it."""
         before = plane
         D = ti.Vector([memory[LABEL], memory[LABEL + 1]])
         change = ti.Vector([memory[LABEL + 2], memory[LABEL + 3]])
@@ -306,7 +310,7 @@ class Manoeuvring3dof(Vessel):
             s = self.runge_kutta(p, s, command + p.lag_mean * excess + wave + outside, V_c)
             controls = command + p.lag_end * excess
             D_next, heights = elevations(
-                around, build, e, (n + 1) * ti.static(self.dt), s, D + change, self.p.length, self.p.beam
+                around, build, e, (n + 1) * p.dt, start, s, D + change, self.p.length, self.p.beam
             )
             change = D_next - D
             D = D_next
@@ -318,7 +322,7 @@ class Manoeuvring3dof(Vessel):
             memory[LABEL + k], memory[LABEL + 2 + k] = D[k], change[k]
         for k in ti.static(range(3)):
             memory[WAVE + k], memory[CONTROLS + k] = wave[k], controls[k]
-        return s, plane, before, memory
+        write_state(fleet, e, i, start, s, plane, before, memory, V_c, p.dt)
 
     @ti.func
     def commanded(self, p: ti.template(), actions):
@@ -341,7 +345,7 @@ class Manoeuvring3dof(Vessel):
     @ti.func
     def runge_kutta(self, p: ti.template(), s, tau, V_c):
         """s after one step of the classical fourth-order method."""
-        h = ti.static(self.dt)
+        h = p.dt
         k1 = self.derivatives(p, s, tau, V_c)
         k2 = self.derivatives(p, s + (0.5 * h) * k1, tau, V_c)
         k3 = self.derivatives(p, s + (0.5 * h) * k2, tau, V_c)

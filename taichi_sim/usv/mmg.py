@@ -51,7 +51,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
-from taichi_sim.conventions import AHEAD
+from taichi_sim.conventions import AHEAD, EAST, NORTH
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import fast
 from taichi_sim.kernels.abreast import taken, taken2
@@ -86,6 +86,7 @@ VARYING = (
 
 
 MmgNumbers = namedtuple("MmgNumbers", (
+    "dt",  # physics step, s
     "m11", "m22",  # kg, added mass included
     "m23", "m32",  # x_G m, kg m
     "m33",  # kg m^2
@@ -177,7 +178,7 @@ def numbers_of(values: Mapping[str, Number], params: MmgParams, dt: float) -> Mm
     m23 = mass * values["x_G"]
     m33 = mass * (values["gyration"] ** 2 + values["x_G"] ** 2) + area * L**3 * values["hull.J_z"]
     return MmgNumbers(
-        *(m11, m22, m23, m23, m33),
+        *(dt, m11, m22, m23, m23, m33),
         mass=mass,
         inverse_m11=1 / m11,
         inverse_det=1 / (m22 * m33 - m23 * m23),
@@ -301,6 +302,7 @@ class Mmg3Dof(Vessel):
     aux_names = AUX
     aux_size = len(AUX)
     varying = VARYING
+    free_step = True
 
     def __init__(self, params: MmgParams, dt: float, substeps: int):
         """Take `params`, the step dt (s) and the number of substeps in a control step."""
@@ -378,17 +380,18 @@ class Mmg3Dof(Vessel):
             V_c, V_w = taken2(around.current, e, 2), taken2(around.wind, e, 2)
             asked, tau = taken(fleet.action, e, i, 0, 2), load_at(build, fleet.load, e, i)
             s, plane = planar(y, V_c)
-            before = plane
-            s, plane, before, memory = self.advance(
-                own_numbers(self, build, fleet.numbers, e, i), build, around, e, s, plane, memory, asked, tau, V_c, V_w
-            )
-            write_state(fleet, e, i, s, plane, before, memory, V_c, self.dt)
+            start = ti.Vector([y[NORTH], y[EAST]])
+            self.advance(
+                own_numbers(self, build, fleet.numbers, e, i), build, fleet, around, e, i, start, s, plane, memory,
+                asked, tau, V_c, V_w,
+            )  # fmt: skip
 
     @ti.func
     def advance(
-        self, p: ti.template(), build: ti.template(), around: ti.template(), e, s, plane, memory, action, tau, V_c, V_w
-    ):
-        """s, water plane now and one substep earlier, and auxiliary state, after one control step."""
+        self, p: ti.template(), build: ti.template(), fleet: ti.template(), around: ti.template(), e, i, start, s,
+        plane, memory, action, tau, V_c, V_w,
+    ):  # fmt: skip
+        """Advance vehicle i of environment e by one control step, and store it."""
         before = plane
         D = ti.Vector([memory[LABEL], memory[LABEL + 1]])
         change = ti.Vector([memory[LABEL + 2], memory[LABEL + 3]])
@@ -402,7 +405,7 @@ class Mmg3Dof(Vessel):
             s = self.runge_kutta(p, s, controls, middle, end, wave + outside, V_c, V_w)
             controls = end
             D_next, heights = elevations(
-                around, build, e, (n + 1) * ti.static(self.dt), s, D + change, self.p.length, self.p.beam
+                around, build, e, (n + 1) * p.dt, start, s, D + change, self.p.length, self.p.beam
             )
             change = D_next - D
             D = D_next
@@ -415,7 +418,7 @@ class Mmg3Dof(Vessel):
         for k in ti.static(range(3)):
             memory[WAVE + k] = wave[k]
         memory[THRUST] = thrust(p, s[3], s[4], s[5], controls[0])
-        return s, plane, before, memory
+        write_state(fleet, e, i, start, s, plane, before, memory, V_c, p.dt)
 
     @ti.func
     def derivatives(self, p: ti.template(), s, controls, outside, V_c, V_w):
@@ -432,7 +435,7 @@ class Mmg3Dof(Vessel):
     @ti.func
     def runge_kutta(self, p: ti.template(), s, begin, middle, end, outside, V_c, V_w):
         """s after one step of the classical fourth-order method, with the controls at the time of each stage."""
-        h = ti.static(self.dt)
+        h = p.dt
         k1 = self.derivatives(p, s, begin, outside, V_c, V_w)
         k2 = self.derivatives(p, s + (0.5 * h) * k1, middle, outside, V_c, V_w)
         k3 = self.derivatives(p, s + (0.5 * h) * k2, middle, outside, V_c, V_w)

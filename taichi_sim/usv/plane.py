@@ -1,7 +1,8 @@
 """Shared parts of models that move in the plane and ride on the surface of the water.
 
-The planar motion s = [x, y, psi, u_r, v_r, r] is relative to water that moves by V_c (m/s, n). Heave, roll and pitch
-follow the plane through the elevations under the four corners of the waterplane.
+The planar motion s = [x, y, psi, u_r, v_r, r] is relative to water that moves by V_c (m/s, n); x and y count from the
+place where the control step began, so that no increment is lost (kernels/position.py). Heave, roll and
+pitch follow the plane through the elevations under the four corners of the waterplane.
 """
 
 # Kernels are another language inside Python syntax.
@@ -9,9 +10,10 @@ follow the plane through the elevations under the four corners of the waterplane
 
 import taichi as ti
 
-from taichi_sim.conventions import EAST, ELEVATION, GRAVITY, NORTH, PITCH_RATE, QW, SURGE, SWAY, YAW_RATE
+from taichi_sim.conventions import DOWN, EAST, ELEVATION, GRAVITY, NORTH, PITCH_RATE, QW, SURGE, SWAY, YAW_RATE
 from taichi_sim.kernels import fast
 from taichi_sim.kernels.abreast import put
+from taichi_sim.kernels.position import move
 from taichi_sim.kernels.rotation import (
     attitude_of,
     quaternion_of,
@@ -63,19 +65,21 @@ def planar(y, V_c):
     u_r, v_r = c * north + sine * east, c * east - sine * north
     slope_n, slope_e = R[0, 2] / R[2, 2], R[1, 2] / R[2, 2]
     ahead, right = c * slope_n + sine * slope_e, c * slope_e - sine * slope_n
-    s = ti.Vector([y[0], y[1], ti.atan2(R[1, 0], R[0, 0]), u_r, v_r, r])
+    s = ti.Vector([u_r * 0.0, u_r * 0.0, ti.atan2(R[1, 0], R[0, 0]), u_r, v_r, r])
     return s, ti.Vector([-y[2], ahead, right, ahead * 0.0])
 
 
 @ti.func
-def elevations(around: ti.template(), build: ti.template(), e, tau, s, D, length: ti.template(), beam: ti.template()):
+def elevations(
+    around: ti.template(), build: ti.template(), e, tau, start, s, D, length: ti.template(), beam: ti.template()
+):  # fmt: skip
     """Displacement (m) of the water at the centre, from its prediction D, and elevations (m, up) under the four
     corners.
 
-    The waterplane has `length` and `beam` (m); `tau` (s) is the time in the control step.
+    The waterplane has `length` and `beam` (m); the control step began at `start` (m, n), `tau` (s) ago.
     """
     sine, cosine = fast.sincos(s[2])
-    x, y = s[0] + D[0], s[1] + D[1]
+    x, y = start[0] + s[0] + D[0], start[1] + s[1] + D[1]
     fx, fy = 0.5 * length * cosine, 0.5 * length * sine
     gx, gy = -0.5 * beam * sine, 0.5 * beam * cosine
     X = ti.Vector([x, x + fx - gx, x + fx + gx, x - fx - gx, x - fx + gx])
@@ -109,19 +113,20 @@ def attitude(psi, r, plane, rate):
 
 
 @ti.func
-def write_state(fleet: ti.template(), e, i, s, plane, before, memory, V_c, dt: ti.template()):
+def write_state(fleet: ti.template(), e, i, start, s, plane, before, memory, V_c, dt):
     """Write all columns of vehicle i in environment e: planar motion s on the water plane, auxiliary state `memory`.
 
-    `before` is the water plane a substep of dt (s) earlier.
+    The control step began at `start` (m, n). `before` is the water plane a substep of dt (s) earlier.
     """
-    q, omega = attitude(s[2], s[5], plane, (plane - before) / ti.static(dt))
+    q, omega = attitude(s[2], s[5], plane, (plane - before) / dt)
     R_nb = rotation_matrix(q)
     c, sine = heading(R_nb)
     v_n = ti.Vector([c * s[3] - sine * s[4] + V_c[0], sine * s[3] + c * s[4] + V_c[1], 0.0])
-    v_n[2] = (before[0] - plane[0]) / ti.static(dt)
+    v_n[2] = (before[0] - plane[0]) / dt
     store(fleet.derived, e, i, R_nb, v_n)
     v_b = R_nb.transpose() @ v_n
-    put(fleet.state, e, i, NORTH, [s[0], s[1], -plane[0], q[0], q[1], q[2], q[3]])
+    move(fleet, e, i, start, ti.Vector([s[0], s[1]]))
+    put(fleet.state, e, i, DOWN, [-plane[0], q[0], q[1], q[2], q[3]])
     put(fleet.state, e, i, SURGE, [v_b[0], v_b[1], v_b[2], omega[0], omega[1], omega[2]])
     for k in ti.static(range(memory.n)):
         fleet.aux[e, i, k] = memory[k]

@@ -30,13 +30,14 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
-from taichi_sim.conventions import ELEVATION, GRAVITY
+from taichi_sim.conventions import ELEVATION, GRAVITY, QW, SURGE
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, lanes
 from taichi_sim.kernels.abreast import group, put, taken, taken2
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, own_numbers
+from taichi_sim.kernels.position import move
 from taichi_sim.kernels.rigid_body import quaternion_rate
-from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix, store
+from taichi_sim.kernels.rotation import position_of, quaternion_advance, rotation_matrix, store
 from taichi_sim.kernels.runtime import array2
 from taichi_sim.sea import waves
 from taichi_sim.surroundings import Surroundings
@@ -82,6 +83,7 @@ class UnityBoatParams(Strict):
 class BoatNumbers(NamedTuple):
     """Numbers of one boat that the kernel uses."""
 
+    dt: Number  # physics step, s
     weight: Number  # N
     preload: Number  # preload of a corner's spring, N
     inverse_mass: Number  # 1/kg
@@ -114,7 +116,7 @@ class UnityBoat(Vessel):
     Params = UnityBoatParams
     action_names = ("acceleration", "yaw")
     control_names = ("I_v", "I_h")
-    aux_size = 4
+    aux_size, free_step = 4, True
     varying = (
         "mass", "force_factor", "yaw_factor", "pitch_factor", "roll_factor", "drag", "angular_drag",
         "buoyancy_stiffness", "buoyancy_damping",
@@ -134,6 +136,7 @@ class UnityBoat(Vessel):
         mass = values["mass"]
         Ix, Iy, Iz = (mass * share for share in self.params.inertia_shares)
         return BoatNumbers(
+            dt=self.dt,
             weight=mass * GRAVITY,
             preload=mass * GRAVITY / 4,
             inverse_mass=1 / mass,
@@ -197,7 +200,7 @@ class UnityBoat(Vessel):
             V_c = ti.Vector([flow[0], flow[1], 0.0])
             I_v, I_h = 0.5 * (command[0] + 1.0), command[1]
             tau = load_at(build, fleet.load, e, i)
-            level = y[2] * 0.0
+            start, level = position_of(y), y[2] * 0.0
             y, label, level = self.advance(
                 own_numbers(self, build, fleet.numbers, e, i), build, around, e, y, label, V_c, I_v, I_h, tau
             )
@@ -205,32 +208,37 @@ class UnityBoat(Vessel):
             v = ti.Vector([y[7], y[8], y[9]])
             store(fleet.derived, e, i, R, v)
             v_b = R.transpose() @ v
-            put(fleet.state, e, i, 0, [y[0], y[1], y[2], y[3], y[4], y[5], y[6]])
-            put(fleet.state, e, i, 7, [v_b[0], v_b[1], v_b[2], y[10], y[11], y[12]])
+            move(fleet, e, i, start, position_of(y))
+            put(fleet.state, e, i, QW, [y[3], y[4], y[5], y[6]])
+            put(fleet.state, e, i, SURGE, [v_b[0], v_b[1], v_b[2], y[10], y[11], y[12]])
             put(fleet.aux, e, i, 0, [label[0], label[1], label[2], label[3]])
             put(fleet.surface, e, i, ELEVATION, [level])
 
     @ti.func
     def advance(self, p: ti.template(), build: ti.template(), around: ti.template(), e, y, label, V_c, I_v, I_h, tau):
-        """State (with its velocity in n), label (D and its change) and mean elevation after one control step."""
-        pos, omega = ti.Vector([y[0], y[1], y[2]]), ti.Vector([y[10], y[11], y[12]])
+        """State (its way since the beginning in place of its position, its velocity in n), label (D and its change) and
+        mean elevation after one control step.
+        """
+        start, omega = position_of(y), ti.Vector([y[10], y[11], y[12]])
+        pos, way = start, start * 0.0
         q = ti.Vector([y[3], y[4], y[5], y[6]])
         D, change = ti.Vector([label[0], label[1]]), ti.Vector([label[2], label[3]])
         v = rotation_matrix(q) @ ti.Vector([y[7], y[8], y[9]]) - V_c  # relative to the water
         level = pos[2] * 0.0
         for n in range(self.substeps):
             R = rotation_matrix(q)
-            D_next, heights = self.surface(around, build, e, n * ti.static(self.dt), pos, R, D + change)
+            D_next, heights = self.surface(around, build, e, n * p.dt, pos, R, D + change)
             change = D_next - D
             D = D_next
             force, torque = self.loads(p, pos, R, v, omega, heights, I_v, I_h, tau)
             v, omega = self.physx_velocities(p, v, omega, force, torque)
             # two terms, so that a boat without current has the same bits
-            pos += v * ti.static(self.dt) + V_c * ti.static(self.dt)
-            q = quaternion_advance(q, omega, ti.static(self.dt))
+            way += v * p.dt + V_c * p.dt
+            pos = start + way
+            q = quaternion_advance(q, omega, p.dt)
             level = 0.25 * heights.sum()
         v += V_c
-        y = ti.Vector([pos[0], pos[1], pos[2], q[0], q[1], q[2], q[3], v[0], v[1], v[2], omega[0], omega[1], omega[2]])
+        y = ti.Vector([way[0], way[1], way[2], q[0], q[1], q[2], q[3], v[0], v[1], v[2], omega[0], omega[1], omega[2]])
         return y, ti.Vector([D[0], D[1], change[0], change[1]]), level
 
     @ti.func
@@ -282,6 +290,6 @@ class UnityBoat(Vessel):
     @ti.func
     def physx_velocities(self, p: ti.template(), v, omega, force, torque):
         """Velocity in n and rates in b after one step of PhysX: the impulse first, then the drag."""
-        v_next = (v + force * (self.dt * p.inverse_mass)) * (1 - p.drag * self.dt)
-        omega_next = omega + self.angular_acceleration(p, torque) * ti.static(self.dt)
-        return v_next, omega_next * (1 - p.angular_drag * self.dt)
+        v_next = (v + force * (p.dt * p.inverse_mass)) * (1 - p.drag * p.dt)
+        omega_next = omega + self.angular_acceleration(p, torque) * p.dt
+        return v_next, omega_next * (1 - p.angular_drag * p.dt)

@@ -170,7 +170,7 @@ def test_a_lag_is_that_of_its_time_constant_whatever_the_step(shipped, dt):
             c = ti.Vector([command[0], command[1], command[2], command[3]])
             total = x * 0.0
             for _ in range(steps):
-                x, mean = actuators.advance(p, lags, dt, x, c)
+                x, mean = actuators.advance(p, lags, x, c)
                 total += mean * dt
             for k in ti.static(range(4)):
                 delta[k], integral[k] = x[k], total[k]

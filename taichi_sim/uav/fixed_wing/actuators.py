@@ -56,9 +56,9 @@ class Actuators(Strict):
         """Largest delta (rad, rad, rad, 1)."""
         return self.elevator_limit_deg * DEG, self.aileron_limit_deg * DEG, self.rudder_limit_deg * DEG, 1.0
 
-    def max_change(self, k: int, dt: float) -> float:
-        """Largest change of actuator k in a step dt (s); inf for the throttle."""
-        return math.inf if k == 3 else self.rate_limit_deg * DEG * dt
+    def rate_limit(self, k: int) -> float:
+        """Largest rate of actuator k, rad/s; inf for the throttle."""
+        return math.inf if k == 3 else self.rate_limit_deg * DEG
 
 
 def lag(tau: Number, dt: float) -> tuple[Number, Number]:
@@ -77,11 +77,11 @@ def lag(tau: Number, dt: float) -> tuple[Number, Number]:
 
 
 @ti.func
-def advance(servos: ti.template(), p: ti.template(), dt: ti.template(), delta, command):
-    """Deflections after a step dt (s) toward `command`, and their means over the step.
+def advance(servos: ti.template(), p: ti.template(), delta, command):
+    """Deflections after a step toward `command`, and their means over the step.
 
-    The mean is exact for a lag whose command is held, so forces in the step are second order in dt. The limits are
-    those of `servos` (Actuators), the lags those of p (FixedWingNumbers).
+    The mean is exact for a lag whose command is held, so forces in the step are second order in its length. The
+    limits are those of `servos` (Actuators), the lags and the step those of p (FixedWingNumbers).
     """
     new, mean = delta, delta
     gone = ti.Vector([p.servo_gone, p.servo_gone, p.servo_gone, p.motor_gone])
@@ -89,8 +89,9 @@ def advance(servos: ti.template(), p: ti.template(), dt: ti.template(), delta, c
     for k in ti.static(range(4)):
         wanted = ti.max(ti.min(command[k], ti.static(servos.upper[k])), ti.static(servos.lower[k]))
         change = (wanted - delta[k]) * gone[k]
-        if ti.static(math.isfinite(servos.max_change(k, dt))):
-            change = ti.max(ti.min(change, ti.static(servos.max_change(k, dt))), ti.static(-servos.max_change(k, dt)))
+        if ti.static(math.isfinite(servos.rate_limit(k))):
+            most = ti.static(servos.rate_limit(k)) * p.dt
+            change = ti.max(ti.min(change, most), 0.0 - most)
         new[k] = delta[k] + change
         mean[k] = new[k] - kept[k] * change
     return new, mean

@@ -20,12 +20,13 @@ import torch
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import DOWN, GRAVITY
+from taichi_sim.conventions import DOWN, GRAVITY, QW
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, lanes
 from taichi_sim.kernels.abreast import group, put, some, taken, taken1, taken2
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, own_numbers
-from taichi_sim.kernels.rotation import attitude_of, rates_of, store, velocity_of
+from taichi_sim.kernels.position import move, with_position
+from taichi_sim.kernels.rotation import attitude_of, position_of, rates_of, store, velocity_of
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav import local_air
 from taichi_sim.uav.aircraft import STALL_TIME as STALL_TIME_NAME
@@ -167,13 +168,14 @@ class FixedWing6DOF(Aircraft):
         self.cruise = trim(plan, plan.envelope.airspeed)
         self.neutral = tuple(float(x) for x in self.cruise.controls)
         limit = largest_stable_dt(plan, self.cruise)
+        self.longest_step = limit.dt
         if dt > limit.dt:
             raise ConfigError(f"dt = {dt} s: {limit.reason}; the largest stable dt is {limit.dt:.3g} s")
         self.stall_angles = stall_angles(plan)
         pilot = plan.autopilot or AutopilotParams()
         self.protected = plan.autopilot is not None and pilot.protection
         self.actions = "surfaces" if plan.autopilot is None else pilot.actions
-        self.action_names = ACTION_NAMES[self.actions]
+        self.action_names, self.free_step = ACTION_NAMES[self.actions], self.actions == "surfaces"
         self.autopilot_limits = limits(plan, pilot)
         self.gains = gains(plan, self.cruise, self.autopilot_limits, dt)
 
@@ -291,21 +293,22 @@ class FixedWing6DOF(Aircraft):
             gust = ti.select(begins, drawn, gust)
         shear, W20 = around.air[0], local_air.wind_at_20_feet(build.air, around, wind_10, e)
         v_mean = attitude_of(y) @ velocity_of(y) - local_air.mean_wind(build.air, wind_10, shear, y)
-        f = local_air.turbulence_filter(build.air, v_mean.norm(), -y[2], W20, self.dt)
+        f = local_air.turbulence_filter(build.air, v_mean.norm(), -y[2], W20, p.dt)
         met = local_air.velocity_at(build.air, wind_10, shear, gust, f, v_mean, y, time)
         y = with_velocity(y, velocity_of(y) - attitude_of(y).transpose() @ met)
+        start, way = position_of(y), 0.0 * met
         asked = demands(self, action, velocity_of(y).norm())
         for n in range(self.substeps):
             R = attitude_of(y)
             command, pilot = commands(self, action, asked, R, y, met, pilot)
-            delta, held = actuators.advance(self.p.actuators, p, self.dt, delta, command)
+            delta, held = actuators.advance(self.p.actuators, p, delta, command)
             if ti.static(build.air.gusty):
-                change = local_air.gust_ahead(build.air, y, R @ velocity_of(y) + met, time, self.dt)
+                change = local_air.gust_ahead(build.air, y, R @ velocity_of(y) + met, time, p.dt)
                 y, met = with_velocity(y, velocity_of(y) - R.transpose() @ change), met + change
-            y = rk4(self.p, p, y, held, tau, self.dt)
-            for k in ti.static(range(3)):
-                y[k] += self.dt * met[k]
-            time += self.dt
+            y = rk4(self.p, p, with_position(y, 0.0 * way), held, tau, p.dt)
+            way += position_of(y) + p.dt * met
+            y = with_position(y, start + way)
+            time += p.dt
             if ti.static(not build.air.steady):
                 count = clock * ti.static(self.substeps + 1) + n
                 gust = local_air.turbulence_step(build.air, gust, f, seed, count, env, i)
@@ -313,6 +316,7 @@ class FixedWing6DOF(Aircraft):
                 y = with_velocity(y, velocity_of(y) + attitude_of(y).transpose() @ (met - new))
                 met = new
         self.save(p, fleet, e, i, y, met, delta)
+        move(fleet, e, i, start, way)
         put(fleet.aux, e, i, TIME, [time, gust[0], gust[1], gust[2], gust[3], gust[4], pilot[0], pilot[1]])
 
     @ti.func
@@ -323,14 +327,16 @@ class FixedWing6DOF(Aircraft):
 
     @ti.func
     def save(self, p: ti.template(), fleet: ti.template(), e, i, y, met, delta):
-        """Store state y, relative to the air that moves with `met`, with its derived values and instruments."""
+        """Store state y but for its position, relative to the air that moves with `met`, with its derived values and
+        instruments.
+        """
         R = attitude_of(y)
         readings = self.readings(p, y, delta)
         v = velocity_of(y) + R.transpose() @ met
         store(fleet.derived, e, i, R, R @ v)
-        put(fleet.state, e, i, 0, [y[0], y[1], y[2], y[3], y[4], y[5], y[6], v[0], v[1], v[2], y[10], y[11], y[12]])
+        put(fleet.state, e, i, QW, [y[3], y[4], y[5], y[6], v[0], v[1], v[2], y[10], y[11], y[12]])
         stalled = (readings[1] > self.stall_angles[1]) | (readings[1] < self.stall_angles[0])
-        stall = taken(fleet.aux, e, i, STALL_TIME, 1)[0] + ti.static(self.dt * self.substeps)
+        stall = taken(fleet.aux, e, i, STALL_TIME, 1)[0] + p.dt * ti.static(float(self.substeps))
         put(fleet.aux, e, i, DEFLECTIONS, [delta[0], delta[1], delta[2], delta[3]])
         put(fleet.aux, e, i, READINGS, [readings[0], readings[1], readings[2], readings[3]])
         put(fleet.aux, e, i, WIND, [met[0], met[1], met[2], ti.select(stalled, stall, 0.0)])

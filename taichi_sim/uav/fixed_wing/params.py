@@ -159,6 +159,7 @@ VARYING = (
 """Keys of the vehicle file that may differ between environments."""
 
 FixedWingNumbers = namedtuple("FixedWingNumbers", (
+    "dt",  # physics step, s
     "inverse_mass",  # 1/kg
     "Jx", "Jy", "Jz", "Jxz",  # kg m^2
     "inverse_xx", "inverse_xz", "inverse_yy", "inverse_zz",  # of the inertia's inverse, 1/(kg m^2)
@@ -181,6 +182,7 @@ def aircraft_numbers(craft: FixedWingParams, values: Mapping[str, Number], dt: f
     servo_gone, servo_kept = lag(values["actuators.time_constant"], dt)
     motor_gone, motor_kept = lag(values["actuators.throttle_time_constant"], dt)
     return FixedWingNumbers(
+        dt=dt,
         inverse_mass=1 / mass,
         Jx=Jx,
         Jy=Jy,

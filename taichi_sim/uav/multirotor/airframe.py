@@ -123,8 +123,8 @@ def rk4(craft: ti.template(), p: ti.template(), kind: ti.template(), y, omega, c
     away, start = omega - command, y
     k, new, speed = 0.0 * y, y, omega
     for stage in range(4):  # a loop, not four copies: compiled in a quarter of the time
-        ahead = ti.select(stage == 0, 0.0, ti.select(stage == 3, dt, ti.static(0.5 * dt)))
-        weight = ti.select(stage == 0 or stage == 3, ti.static(dt / 6.0), ti.static(dt / 3.0))
+        ahead = ti.select(stage == 0, 0.0, ti.select(stage == 3, dt, 0.5 * dt))
+        weight = ti.select(stage == 0 or stage == 3, dt / 6.0, dt / 3.0)
         if stage == 1 or stage == 3:
             away *= left
         speed = command + away

@@ -172,8 +172,8 @@ def land(
     craft: ti.template(), p: ti.template(), steps: ti.template(), dt: ti.template(), T: ti.template(),
     way: ti.template(), e, i, y, met, omega, command, tau, ratio, soles, body, begun, blow,
 ):  # fmt: skip
-    """State y, rotor speeds omega [rotor] (rad/s), the soles' memory, `body` and the blow (m/s, contact/touch.py) after
-    a physics step.
+    """State y with its way in place of its position, rotor speeds omega [rotor] (rad/s), the soles' memory, `body` and
+    the blow (m/s, contact/touch.py) after a physics step.
 
     The step dt (s) begins `begun` s after the control step T (s), and consists of `steps` contact steps. Velocities in
     y are relative to the air, which moves with `met` (n, m/s); positions are over ground. command [rotor] (rad/s) and
@@ -181,7 +181,8 @@ def land(
     """
     h = ti.static(dt / steps)
     place = taken(way, e, i, carrier.PLACE, 3)
-    x, q = position_of(y) - place, quaternion_of(y)
+    start, way, q = position_of(y) - place, met * 0.0, quaternion_of(y)
+    x = start
     R = rotation_matrix(q)
     v = R @ velocity_of(y) + met
     H = R @ inertia_times(p, rates_of(y))
@@ -196,7 +197,8 @@ def land(
         R_m = rotation_matrix(quaternion_advance(q, w_b, ti.static(0.25 * h)))
         q = quaternion_advance(q, inverse_inertia_times(p, R_m.transpose() @ H), ti.static(0.5 * h))
         R = rotation_matrix(q)
-        x += ti.static(0.5 * h) * v
+        way += ti.static(0.5 * h) * v
+        x = start + way
         for c in ti.static(range(6)):
             body[c] += ti.static(0.5 * h) * body[6 + c]
         t += ti.static(0.5 * h)
@@ -239,7 +241,7 @@ def land(
     w_b, v_r = inverse_inertia_times(p, R.transpose() @ H), R.transpose() @ (v - met)
     after = y
     for c in ti.static(range(3)):
-        after[c], after[7 + c], after[10 + c] = place[c] + x[c], v_r[c], w_b[c]
+        after[c], after[7 + c], after[10 + c] = way[c], v_r[c], w_b[c]
     for c in ti.static(range(4)):
         after[3 + c] = q[c]
     return after, command + away, soles, body, blow

@@ -25,12 +25,13 @@ from torch import Tensor
 from taichi_sim.config import ConfigError
 from taichi_sim.contact import carrier
 from taichi_sim.contact.touch import SOLE_SIZE
-from taichi_sim.conventions import AMPLITUDE, DOWN
+from taichi_sim.conventions import AMPLITUDE, DOWN, QW
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, lanes
 from taichi_sim.kernels.abreast import group, put, some, taken, taken1, taken2
-from taichi_sim.kernels.lanes import is_laned
+from taichi_sim.kernels.lanes import is_laned, lane_of
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, TouchPack, load_at, own_numbers
+from taichi_sim.kernels.position import move, with_position
 from taichi_sim.kernels.rotation import UPRIGHT, attitude_of, position_of, rates_of, store, velocity_of
 from taichi_sim.sea import waves
 from taichi_sim.surroundings import Surroundings
@@ -109,6 +110,7 @@ class Multirotor6DOF(Vehicle):
         self.signals = at.signals(plan, self.bandwidths)
         self.induced = induced_velocity(plan)
         limit = largest_stable_dt(plan, self._fastest())
+        self.longest_step, self.free_step = limit.dt, self.actions == "rotors"
         if dt > limit.dt:
             raise ConfigError(f"dt = {dt} s: {limit.reason}; the largest stable dt is {limit.dt:.3g} s")
         body = params.physical
@@ -251,11 +253,12 @@ class Multirotor6DOF(Vehicle):
             gust = ti.select(begins, drawn, gust)
         shear, W20 = around.air[0], local_air.wind_at_20_feet(build.air, around, wind_10, e)
         v_mean = attitude_of(y) @ velocity_of(y) - local_air.mean_wind(build.air, wind_10, shear, y)
-        f = local_air.turbulence_filter(build.air, v_mean.norm(), -y[2], W20, self.dt)
+        f = local_air.turbulence_filter(build.air, v_mean.norm(), -y[2], W20, p.dt)
         met = local_air.velocity_at(build.air, wind_10, shear, gust, f, v_mean, y, time)
-        sea, rise = self.water_below(build, around, e, y)
+        sea, rise = self.water_below(p.dt, build, around, e, y)
         y = with_velocity(y, velocity_of(y) - attitude_of(y).transpose() @ met)
-        rates, toward, voltage = velocity_of(y) * 0.0, velocity_of(y) * 0.0, time * 0.0
+        start, still = position_of(y), velocity_of(y) * 0.0
+        way, rates, toward, voltage = still, still, still, time * 0.0
         sea_weight, deck_upwash = omega * 0.0 + 1.0, omega * 0.0  # of each rotor, over a deck
         body = ti.Vector([time * 0.0 for _ in ti.static(range(landing.BODY_SIZE))])
         soles = ti.Vector([time * 0.0 for _ in ti.static(range(max(self.sole_numbers, 1)))])
@@ -269,14 +272,14 @@ class Multirotor6DOF(Vehicle):
             most = time * 0.0 + self.plan.rotor.omega_max
             if ti.static(self.battery):
                 voltage, current = rotors.battery_terminal(self.p.battery, charge, rotors.shaft_power(self.p, p, omega))
-                charge = ti.max(charge - current * ti.static(self.dt / self.p.battery.coulombs), 0.0)
+                charge = ti.max(charge - current * (p.dt / self.p.battery.coulombs), 0.0)
                 most *= ti.min(voltage * ti.static(1.0 / self.p.battery.nominal), 1.0)
             if ti.static(build.decked and self.sole_numbers > 0):
                 landed = landing.soles_down(soles, ti.static(self.sole_numbers // SOLE_SIZE))
             wanted, held, rates, toward = self.commanded(action, y, R, R @ velocity_of(y) + met, held, most, landed)
             command = rotors.clipped(self.p, wanted, most)
             if ti.static(build.air.gusty):
-                change = local_air.gust_ahead(build.air, y, R @ velocity_of(y) + met, time, self.dt)
+                change = local_air.gust_ahead(build.air, y, R @ velocity_of(y) + met, time, p.dt)
                 y, met = with_velocity(y, velocity_of(y) - R.transpose() @ change), met + change
             if ti.static(build.decked):
                 flies = 1
@@ -296,17 +299,20 @@ class Multirotor6DOF(Vehicle):
                             self.p, p, self.contact_steps, self.dt, self.interval, touch.way, e, i, y, met, omega,
                             command, tau, ratio, soles, body, begun, blow,
                         )  # fmt: skip
+                        way += position_of(y)
                 if flies > 0:
                     below = ground.beneath(-y[2] - sea, sea_weight, deck_upwash)
-                    y, omega = rk4(self.p, p, self.over_decks, y, omega, command, below, tau, self.dt)
-                    for k in ti.static(range(3)):
-                        y[k] += self.dt * met[k]
+                    y = with_position(y, still)
+                    y, omega = rk4(self.p, p, self.over_decks, y, omega, command, below, tau, p.dt)
+                    way += position_of(y) + p.dt * met
             else:
-                y, omega = rk4(self.p, p, self.p.ground_effect, y, omega, command, -y[2] - sea, tau, self.dt)
-                for k in ti.static(range(3)):
-                    y[k] += self.dt * met[k]
+                below = -y[2] - sea
+                y = with_position(y, still)
+                y, omega = rk4(self.p, p, self.p.ground_effect, y, omega, command, below, tau, p.dt)
+                way += position_of(y) + p.dt * met
+            y = with_position(y, start + way)
             sea += rise
-            time += self.dt
+            time += p.dt
             if ti.static(not build.air.steady):
                 count = clock * ti.static(self.substeps + 1) + n
                 gust = local_air.turbulence_step(build.air, gust, f, seed, count, env, i)
@@ -321,6 +327,7 @@ class Multirotor6DOF(Vehicle):
             self.save(p, self.over_decks, fleet, e, i, y, met, omega, below)
         else:
             self.save(p, self.p.ground_effect, fleet, e, i, y, met, omega, -y[2] - sea)
+        move(fleet, e, i, start, way)
         put(fleet.aux, e, i, at.TIME, [time, voltage, charge, rates[0], rates[1], rates[2]])
         put(fleet.aux, e, i, at.VELOCITY_WANTED, [toward[0], toward[1], toward[2]])
         put(fleet.aux, e, i, at.TURBULENCE, [gust[0], gust[1], gust[2], gust[3], gust[4]])
@@ -386,7 +393,7 @@ class Multirotor6DOF(Vehicle):
         return command, new, rates, toward
 
     @ti.func
-    def water_below(self, build: ti.template(), around: ti.template(), e, y):
+    def water_below(self, dt: ti.template(), build: ti.template(), around: ti.template(), e, y):
         """Elevation (m, up) of the sea below y, and its rise in a substep; any value does above the ground effect."""
         if ti.static(is_laned(e)):
             now, rise = y[0] * 0.0, y[0] * 0.0
@@ -395,14 +402,14 @@ class Multirotor6DOF(Vehicle):
                 for lane in range(lanes.WIDTH):
                     place = ti.Vector([y[0][lane], y[1][lane], y[2][lane]])
                     speed = ti.Vector([v_n[0][lane], v_n[1][lane]])
-                    now[lane], rise[lane] = self.water_at(build, around, e[lane], place, speed)
+                    now[lane], rise[lane] = self.water_at(lane_of(dt, lane), build, around, e[lane], place, speed)
             return now, rise
         else:
             v_n = attitude_of(y) @ velocity_of(y)
-            return self.water_at(build, around, e, position_of(y), ti.Vector([v_n[0], v_n[1]]))
+            return self.water_at(dt, build, around, e, position_of(y), ti.Vector([v_n[0], v_n[1]]))
 
     @ti.func
-    def water_at(self, build: ti.template(), around: ti.template(), e, y, v_n):
+    def water_at(self, dt: ti.template(), build: ti.template(), around: ti.template(), e, y, v_n):
         """`water_below` of one vehicle at y (m) that moves over ground with v_n (n, m/s)."""
         now, rise = y[0] * 0.0, y[0] * 0.0
         if ti.static(self.p.ground_effect):
@@ -410,7 +417,7 @@ class Multirotor6DOF(Vehicle):
             for c in range(build.components):
                 crest += around.sea[s, AMPLITUDE, c]
             if -y[2] < crest + self.reach:
-                interval = ti.static(self.dt * self.substeps)
+                interval = dt * ti.static(float(self.substeps))
                 now = self.elevation(build, around, e, s, y[0], y[1], y[0] * 0.0)
                 there = ti.Vector([y[0] + interval * v_n[0], y[1] + interval * v_n[1]])
                 rise = self.elevation(build, around, e, s, there[0], there[1], y[0] * 0.0 + interval) - now
@@ -425,8 +432,8 @@ class Multirotor6DOF(Vehicle):
 
     @ti.func
     def save(self, p: ti.template(), kind: ti.template(), fleet: ti.template(), e, i, y, met, omega, below):
-        """Store state y, whose velocity is relative to the air that moves with `met`, with its derived values and
-        instruments.
+        """Store state y but for its position, with its derived values and instruments; its velocity is relative to the
+        air, which moves with `met`.
 
         kind, below: what is below (ground.py).
         """
@@ -441,12 +448,12 @@ class Multirotor6DOF(Vehicle):
             thrust += p.k_f * gain[k] * omega[k] * omega[k] * ratio[k]
             near += ti.static(1.0 / self.count) * ratio[k]
             put(fleet.aux, e, i, at.SPEEDS + k, [omega[k]])
-        put(fleet.state, e, i, 0, [y[0], y[1], y[2], y[3], y[4], y[5], y[6], v[0], v[1], v[2], y[10], y[11], y[12]])
+        put(fleet.state, e, i, QW, [y[3], y[4], y[5], y[6], v[0], v[1], v[2], y[10], y[11], y[12]])
         airspeed, power = v_r.norm(), rotors.shaft_power(self.p, p, omega)
         tilt = atan2(ti.sqrt(R[2, 0] * R[2, 0] + R[2, 1] * R[2, 1]), R[2, 2])
         sinking = v_r[2] > self.induced
         outside = sinking | (R[2, 2] < 0.0) | (airspeed > self.plan.envelope.max_airspeed)
-        since = taken(fleet.aux, e, i, at.OUTSIDE, 1)[0] + ti.static(self.dt * self.substeps)
+        since = taken(fleet.aux, e, i, at.OUTSIDE, 1)[0] + p.dt * ti.static(float(self.substeps))
         put(fleet.aux, e, i, at.THRUST, [thrust, power, near, airspeed, tilt])
         put(fleet.aux, e, i, at.WIND, [met[0], met[1], met[2], ti.select(outside, since, 0.0)])
         put(fleet.aux, e, i, at.RATES, [y[10], y[11], y[12]])

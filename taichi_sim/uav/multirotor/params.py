@@ -200,6 +200,7 @@ COEFFICIENTS = ("k_f", "k_m", "k_d", "k_z", "k_h", "k_flap", "J_r")
 AXES = range(3)
 LEGS = ("legs.stiffness", "legs.damping")
 FIELDS = (
+    "dt",  # physics step, s
     "inverse_mass",  # 1/kg
     *INERTIA,  # kg m^2
     *(f"inverse_{a}{b}" for a in AXES for b in AXES if a <= b),  # inverse of the inertia, 1/(kg m^2)
@@ -247,7 +248,7 @@ def multirotor_numbers(craft: MultirotorParams, values: Mapping[str, Number], dt
     J = [values[f"physical.{name}"] for name in INERTIA]
     up, down = values["rotor.tau_up"], values["rotor.tau_down"]
     return numbers_of(len(craft.rotors))(
-        1 / values["physical.mass"], *J, *_inverse(*J),
+        dt, 1 / values["physical.mass"], *J, *_inverse(*J),
         *(values[f"physical.cg.{i}"] for i in AXES), *(values[f"physical.drag.{i}"] for i in AXES),
         *(values[f"rotor.{name}"] for name in COEFFICIENTS),
         1 / up, 1 / down, left_of(0.5 * dt, up), left_of(0.5 * dt, down), *(values.get(key, 0.0) for key in LEGS),

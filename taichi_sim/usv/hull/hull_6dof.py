@@ -38,12 +38,13 @@ from taichi.lang.argpack import ArgPack
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import EAST, ELEVATION, FREEBOARD, NORTH
+from taichi_sim.conventions import EAST, ELEVATION, FREEBOARD, NORTH, QW
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken2
 from taichi_sim.kernels.lanes import align_stack, laned, laned1, laned3, vectors
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, own_numbers
+from taichi_sim.kernels.position import move
 from taichi_sim.kernels.rigid_body import angular, linear
 from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix, store
 from taichi_sim.kernels.runtime import array2, array3, whole1
@@ -71,7 +72,7 @@ TablesPack = ti.types.argpack(
 )
 """Tables of the parts: panels, the columns of the heads that they read, and wave lines (water.py);
 corners of the deck (geometry.py); filters of the memory, and diffraction in one sea (radiation.py)."""
-SEAS = 4  # number of seas for which a model keeps tables
+KEPT = 4  # number of seas, and of steps in each, for which a model keeps tables
 SeaKey = tuple[int, int, tuple[int, ...]]  # address, version and shape of a sea's tensor
 
 
@@ -103,6 +104,7 @@ class Hull6Dof(Vessel):
 
     Params = Hull6DofParams
     file_keys = ("hydrodynamics.database",)
+    free_step = True
 
     def __init__(self, params: Hull6DofParams, dt: float, substeps: int):
         """Mesh the hull; check that it floats and that dt (s) is stable.
@@ -133,14 +135,16 @@ class Hull6Dof(Vessel):
         self.signals, self.varying = self.thrusters.signals, varying_keys(params)
         if self.thrusters.allocation is not None:
             self.wrench_max, self.wrench_min = self.thrusters.allocation.largest, self.thrusters.allocation.smallest
-        limit = self.largest_dt()
+        limit = self.longest_step = self.largest_dt()
         if dt > limit:
             raise ConfigError(
                 f"dt = {dt} s is unstable for this hull: the largest stable step is {limit:.3g} s (its stiffest motion "
                 "in heave, roll or pitch, or its fastest decay); lower dt"
             )
         # packs of the running Taichi program, with their sea: a later one may lie at the same address
-        self._tables: dict[SeaKey | None, tuple[weakref.ref[Tensor] | None, ArgPack]] = {}
+        self._tables: dict[
+            SeaKey | None, tuple[weakref.ref[Tensor] | None, Mapping[str, Tensor], dict[float, ArgPack]]
+        ] = {}  # fmt: skip
         self._generation = -1
         self._float, self._label = runtime.Launcher(motion.float_on_waves), runtime.Launcher(motion.find_label)
 
@@ -294,9 +298,9 @@ class Hull6Dof(Vessel):
         """Compile-time options of a kernel that evaluates the water alone."""
         return Build(around.sea.shape[2], around.depth > 0)
 
-    def tables(self, around: Surroundings | None = None) -> ArgPack:
-        """Return the hull's TablesPack, the same object in every step in the sea of `around`; without a sea, without
-        diffraction.
+    def tables(self, around: Surroundings | None = None, dt: float | None = None) -> ArgPack:
+        """Return the hull's TablesPack for steps of `dt` (s; default: the model's), the same object in every step in
+        the sea of `around`; without a sea, without diffraction.
 
         Raises:
             ConfigError: if the hydrodynamic database is for another depth of water.
@@ -304,27 +308,30 @@ class Hull6Dof(Vessel):
         if self._generation != runtime.generation():
             self._tables, self._generation = {}, runtime.generation()
         sea = None if around is None else self.radiation.sea(around)
-        key = None if sea is None else (sea.data_ptr(), sea._version, tuple(sea.shape))
-        of, tables = self._tables.get(key, (None, None))
+        key, dt = None if sea is None else (sea.data_ptr(), sea._version, tuple(sea.shape)), dt or self.dt
+        of, tables, packs = self._tables.get(key, (None, None, {}))
         if tables is None or (of is not None and of() is not sea):
-            if len(self._tables) >= SEAS:
+            if len(self._tables) >= KEPT:
                 self._tables.pop(next(iter(self._tables)))
             g = self.geometry
-            tables = runtime.pack(
-                TablesPack,
-                panels=laned(device_table(water.panel_table(g))).transpose(0, 1).flatten(0, 1).contiguous(),
-                node=device_table(self.pressure.column(g.lines.node)).int(),
-                lines=device_table(water.line_table(g)),
-                deck=device_table(g.deck_corners),
+            tables, packs = {
+                "panels": laned(device_table(water.panel_table(g))).transpose(0, 1).flatten(0, 1).contiguous(),
+                "node": device_table(self.pressure.column(g.lines.node)).int(),
+                "lines": device_table(water.line_table(g)),
+                "deck": device_table(g.deck_corners),
                 **self.radiation.tables(sea),
-            )
-            self._tables[key] = (None if sea is None else weakref.ref(sea)), tables
-        return tables
+            }, {}  # fmt: skip
+            self._tables[key] = (None if sea is None else weakref.ref(sea)), tables, packs
+        if dt not in packs:
+            if len(packs) >= KEPT:
+                packs.pop(next(iter(packs)))
+            packs[dt] = runtime.pack(TablesPack, **tables | {"filters": self.radiation.filter_table(dt)})
+        return packs[dt]
 
     def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance by one control step."""
         with vectors():
-            fleet.launch(self._step, fleet.pack, around.pack, self.tables(around), self.build(fleet, around))
+            fleet.launch(self._step, fleet.pack, around.pack, self.tables(around, fleet.dt), self.build(fleet, around))
 
     @ti.kernel
     def _step(self, fleet: FleetPack, around: AroundPack, tables: TablesPack, build: ti.template()):
@@ -349,15 +356,17 @@ class Hull6Dof(Vessel):
         V_c = ti.Vector([around.current[e, NORTH], around.current[e, EAST], 0.0])
         air = taken2(around.wind, e, 3)
         outside = load_at(build, fleet.load, e, i)
+        start, way = pos, pos * 0.0
         plane = ti.Vector([pos[0] * 0.0, 0.0, 0.0])
         sums = ti.Vector([pos[0] * 0.0 for _ in range(water.SUMS)])
         tau_D, rate_D, bend_D = nu * 0.0, nu * 0.0, nu * 0.0  # diffraction load and its rates (radiation.py)
         up, blown = nu * 0.0, nu * 0.0
         for n in range(self.substeps):
-            tau = (n + 0.5) * ti.static(self.dt)
+            tau = (n + 0.5) * p.dt
             if ti.static(self.by_panels):  # the half turns of this step and the last one are made as one
-                turn = ti.select(n == 0, ti.static(0.5 * self.dt), ti.static(self.dt))
-                pos, q, R = motion.drift(self.dt, pos, q, nu, turn)
+                turn = ti.select(n == 0, 0.5 * p.dt, p.dt)
+                way, q, R = motion.drift(p.dt, way, q, nu, turn)
+                pos = start + way
             sums, L, J = water.at(self.gauge, build, around, e, tau, pos, R, D + change)
             D_next = L - ti.Vector([pos[0], pos[1]])
             fresh = D.norm_sqr() + change.norm_sqr() == 0.0  # without a last step there is no change
@@ -373,24 +382,26 @@ class Hull6Dof(Vessel):
                 now = self.drive.lagged(self.thrusters, p, controls, command, 0.5)
                 driven = self.drive.load(self.thrusters, p, now)
                 tau_D, rate_D, bend_D = self.radiation.diffraction_from(
-                    build, around, tables, e, n, tau, R, nu, L, change, tau_D, rate_D, bend_D
+                    p.dt, build, around, tables, e, n, tau, R, nu, L, change, tau_D, rate_D, bend_D
                 )
-                driven += self.radiation.diffraction_load(n, tau_D, rate_D, bend_D)
-                driven += self.radiation.memory_load(tables, fleet.lanes, e, i, R, nu, nu_dot, V_c)
+                driven += self.radiation.diffraction_load(p.dt, n, tau_D, rate_D, bend_D)
+                driven += self.radiation.memory_load(p.dt, tables, fleet.lanes, e, i, R, nu, nu_dot, V_c)
                 driven = up + driven + blown + outside
-                pos, nu, nu_dot = motion.kick(self, p, pos, nu, nu_dot, R, driven, now, V_c, sums)
+                way, nu, nu_dot = motion.kick(self, p, way, nu, nu_dot, R, driven, now, V_c, sums)
             else:
-                y = motion.pack(pos, q, nu)
-                pos, q, nu = motion.runge_kutta(self, p, y, controls, command, blown + outside, V_c, sums)
+                y = motion.pack(way, q, nu)
+                way, q, nu = motion.runge_kutta(self, p, start[2], y, controls, command, blown + outside, V_c, sums)
                 R = rotation_matrix(q)
+            pos = start + way
             controls = self.drive.lagged(self.thrusters, p, controls, command, 1.0)
         if ti.static(self.by_panels):
-            q = quaternion_advance(q, angular(nu), ti.static(0.5 * self.dt))
+            q = quaternion_advance(q, angular(nu), 0.5 * p.dt)
             R = rotation_matrix(q)
         store(fleet.derived, e, i, R, R @ linear(nu))
         y = motion.pack(pos, q, nu)
-        for c in ti.static(range(13)):
+        for c in ti.static(range(QW, 13)):
             state[e, i, c] = y[c]
+        move(fleet, e, i, start, way)
         nu_r = motion.through_water(self, nu, R, V_c, sums)
         drag = linear(motion.damping_load(self.params.hydrodynamics, p, nu_r))
         motion.note(aux, e, i, D, change, nu_dot, linear(up), drag, linear(blown))

@@ -201,22 +201,22 @@ def acceleration(hull: ti.template(), p: ti.template(), nu, R, tau, controls, V_
 
 
 @ti.func
-def drift(dt: ti.template(), pos, q, nu, turn):
-    """Position, attitude and R_nb in the middle of a step, after a turn for `turn` s and half a step's translation."""
+def drift(dt: ti.template(), way, q, nu, turn):
+    """Way, attitude and R_nb in the middle of a step, after a turn for `turn` s and half a step's translation."""
     q = quaternion_advance(q, angular(nu), turn)
     R = rotation_matrix(q)
-    return pos + ti.static(0.5 * dt) * (R @ linear(nu)), q, R
+    return way + 0.5 * dt * (R @ linear(nu)), q, R
 
 
 @ti.func
-def kick(hull: ti.template(), p: ti.template(), pos, nu, nu_dot, R, tau, controls, V_c, sums):
-    """Position at the end of a step, nu there, and nu_dot, under load tau and `controls` in the middle of the step.
+def kick(hull: ti.template(), p: ti.template(), way, nu, nu_dot, R, tau, controls, V_c, sums):
+    """Way at the end of a step, nu there, and nu_dot, under load tau and `controls` in the middle of the step.
 
     For damping and Coriolis, the velocity in the middle is predicted with the last step's nu_dot.
     """
-    nu_dot = acceleration(hull, p, nu + ti.static(0.5 * hull.dt) * nu_dot, R, tau, controls, V_c, sums)
-    nu = nu + ti.static(hull.dt) * nu_dot
-    return pos + ti.static(0.5 * hull.dt) * (R @ linear(nu)), nu, nu_dot
+    nu_dot = acceleration(hull, p, nu + 0.5 * p.dt * nu_dot, R, tau, controls, V_c, sums)
+    nu = nu + p.dt * nu_dot
+    return way + 0.5 * p.dt * (R @ linear(nu)), nu, nu_dot
 
 
 @ti.func
@@ -227,8 +227,8 @@ def derivative(hull: ti.template(), p: ti.template(), y, R, tau, controls, V_c, 
 
 
 @ti.func
-def runge_kutta(hull: ti.template(), p: ti.template(), y, controls, command, load, V_c, sums):
-    """Position, attitude and nu of a hull with linear restoring, one step after y.
+def runge_kutta(hull: ti.template(), p: ti.template(), z, y, controls, command, load, V_c, sums):
+    """Way, attitude and nu of a hull with linear restoring, one step after y, which holds the way from the depth z (m).
 
     The water is constant during the step, and so is `load`, which holds all loads but restoring and thrust.
     """
@@ -236,13 +236,13 @@ def runge_kutta(hull: ti.template(), p: ti.template(), y, controls, command, loa
     for stage in range(4):
         ahead = 0.5 * ((stage + 1) // 2)  # 0, 1/2, 1/2, 1 of the step
         now = hull.drive.lagged(hull.thrusters, p, controls, command, ahead)
-        y_s = y + (ahead * ti.static(hull.dt)) * slope
+        y_s = y + (ahead * p.dt) * slope
         R = rotation_matrix(ti.Vector([y_s[3], y_s[4], y_s[5], y_s[6]]))
-        tau = load + linear_load(hull.params.linear, p, y_s[2], R, sums)
+        tau = load + linear_load(hull.params.linear, p, z + y_s[2], R, sums)
         tau += hull.drive.load(hull.thrusters, p, now)
         slope = derivative(hull, p, y_s, R, tau, now, V_c, sums)
         total += ti.select(stage % 3 == 0, 1.0, 2.0) * slope
-    pos, q, nu = unpack(y + ti.static(hull.dt / 6) * total)
+    pos, q, nu = unpack(y + p.dt / 6 * total)
     return pos, q / q.norm(), nu
 
 

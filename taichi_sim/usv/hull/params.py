@@ -249,6 +249,7 @@ AREAS = ("windage.frontal_area", "windage.lateral_area")
 UPPER = tuple((i, j) for i in range(6) for j in range(i, 6))  # entries of a symmetric 6 x 6 matrix
 
 FIELDS = (
+    "dt",  # physics step, s
     "weight",  # N
     *(f"cg_{i}" for i in range(3)),  # m, b
     *(f"added_{i}" for i in range(6)),  # diagonal of M_a, kg, kg m^2
@@ -323,7 +324,7 @@ def hull_numbers(
     gains, lags = ([values[key] for key in keys] for keys in thruster_keys(p))
     mmg = mmg_numbers(p, dt, values)
     return numbers_of(len(gains), tuple(mmg))(
-        mass * GRAVITY, *cg, *added, *linear, *quadratic,
+        dt, mass * GRAVITY, *cg, *added, *linear, *quadratic,
         0.5 * RHO_AIR * w.c_x * frontal, 0.5 * RHO_AIR * w.c_y * lateral, RHO_AIR * w.c_n * lateral * p.length,
         *(M_rb[i][j] for i, j in UPPER), *(inverse[i][j] for i, j in UPPER),
         *(left_of(0.5 * dt, lag) for lag in lags), *(left_of(dt, lag) for lag in lags), *gains, *mmg.values(),

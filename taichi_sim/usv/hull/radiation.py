@@ -339,6 +339,10 @@ class Radiation:
         """
         return (0.0,) * 6
 
+    def filter_table(self, dt: float) -> Tensor:
+        """Numbers of the memory's filters for steps of dt (s), in lanes."""
+        return laned(device_table(np.zeros(1)))
+
     def sea(self, around: Surroundings) -> Tensor | None:
         """Return the sea that `tables` depend on; None if they are the same for any sea.
 
@@ -348,10 +352,8 @@ class Radiation:
         return None
 
     def tables(self, sea: Tensor | None) -> Mapping[str, Tensor]:
-        """Tables for kernels: numbers of the memory's `filters`, and `diffraction` loads in a sea (zero without a
-        sea).
-        """
-        return {"filters": laned(device_table(np.zeros(1))), "diffraction": laned(device_table(np.zeros(1)))}
+        """Tables for kernels: `diffraction` loads in a sea (zero without a sea)."""
+        return {"diffraction": laned(device_table(np.zeros(1)))}
 
     @ti.func
     def orbital_load(self, M_a: ti.template(), nu_o_dot):
@@ -360,8 +362,8 @@ class Radiation:
 
     @ti.func
     def diffraction_from(
-        self, build: ti.template(), around: ti.template(), tables: ti.template(), e, n, tau, R, nu, L, change,
-        load, rate, bend
+        self, dt: ti.template(), build: ti.template(), around: ti.template(), tables: ti.template(), e, n, tau, R, nu,
+        L, change, load, rate, bend
     ):  # fmt: skip
         """Diffraction load, and its first and second rates of change, in the middle of the stretch of steps that
         contains step n.
@@ -372,12 +374,12 @@ class Radiation:
         return load, rate, bend
 
     @ti.func
-    def diffraction_load(self, n, load, rate, bend):
+    def diffraction_load(self, dt: ti.template(), n, load, rate, bend):
         """Load (N, N m, about CO, b) in the middle of step n, from load and rates in the middle of its stretch."""
         return load * 0.0
 
     @ti.func
-    def memory_load(self, tables: ti.template(), states: ti.template(), e, i, R, nu, nu_dot, V_c):
+    def memory_load(self, dt: ti.template(), tables: ti.template(), states: ti.template(), e, i, R, nu, nu_dot, V_c):
         """Load (N, N m, about CO, b) of previously radiated waves in the middle of a step.
 
         The memory's states, in the auxiliary state in lanes, are advanced to the end of the step.
@@ -428,10 +430,14 @@ class DatabaseRadiation(Radiation):
         self.database, self.memory, self.draft = database, database.memory, geometry.panels.draft
         self.inertia = database.added_mass_inf if database.memory_inf is None else database.memory_inf
         self.counted = counted_damping(database, self.memory, params.M_rb, geometry.hydrostatics.stiffness())
-        self.filters, self.first, self.dt = Bank.of(self.memory.modes, dt), first, dt
+        self.filters, self.first = Bank.of(self.memory.modes, dt), first
         self.columns = self.filters.size
         self.diffraction = Diffraction(database, h.drift)
         self.stretch = min(self.diffraction.stretch(dt), substeps)  # steps for which diffraction is summed once
+
+    def filter_table(self, dt: float) -> Tensor:
+        """Numbers of the memory's filters for steps of dt (s), in lanes."""
+        return laned(device_table(Bank.of(self.memory.modes, dt).numbers))
 
     def sea(self, around: Surroundings) -> Tensor:
         """Return the sea of `around`, on which diffraction depends."""
@@ -452,19 +458,18 @@ class DatabaseRadiation(Radiation):
         return around.sea
 
     def tables(self, sea: Tensor | None) -> Mapping[str, Tensor]:
-        """Filters and, for a sea, diffraction."""
-        tables = {**super().tables(sea), "filters": laned(device_table(self.filters.numbers))}
-        return tables if sea is None else {**tables, "diffraction": laned(self.diffraction.of(sea)).flatten(0, -2)}
+        """For a sea, diffraction."""
+        return super().tables(sea) if sea is None else {"diffraction": laned(self.diffraction.of(sea)).flatten(0, -2)}
 
     @ti.func
     def diffraction_from(
-        self, build: ti.template(), around: ti.template(), tables: ti.template(), e, n, tau, R, nu, L, change,
-        load, rate, bend
+        self, dt: ti.template(), build: ti.template(), around: ti.template(), tables: ti.template(), e, n, tau, R, nu,
+        L, change, load, rate, bend
     ):  # fmt: skip
         """Sum over the components of the sea at the beginning of a stretch."""
         if n % ti.static(self.stretch) == 0:
-            ahead = ti.static(0.5 * (self.stretch - 1) * self.dt)
-            velocity = (R @ linear(nu))[:2] + change * ti.static(1 / self.dt)
+            ahead = ti.static(0.5 * (self.stretch - 1)) * dt
+            velocity = (R @ linear(nu))[:2] + change * (1 / dt)
             load, rate, bend = diffracted(
                 self.diffraction, tables.diffraction, build, around,
                 e, L + ahead * velocity, velocity, tau + ahead, ti.atan2(R[1, 0], R[0, 0]),
@@ -472,16 +477,16 @@ class DatabaseRadiation(Radiation):
         return load, rate, bend
 
     @ti.func
-    def diffraction_load(self, n, load, rate, bend):
+    def diffraction_load(self, dt: ti.template(), n, load, rate, bend):
         """Evaluate the Taylor series."""
-        since = (n % ti.static(self.stretch) - ti.static(0.5 * (self.stretch - 1))) * ti.static(self.dt)
+        since = (n % ti.static(self.stretch) - ti.static(0.5 * (self.stretch - 1))) * dt
         return load + since * (rate + 0.5 * since * bend)
 
     @ti.func
-    def memory_load(self, tables: ti.template(), states: ti.template(), e, i, R, nu, nu_dot, V_c):
+    def memory_load(self, dt: ti.template(), tables: ti.template(), states: ti.template(), e, i, R, nu, nu_dot, V_c):
         """Load for the velocity through the water in the middle of the step, predicted with the last step's nu_dot."""
         still = R.transpose() @ V_c
-        middle = nu + ti.static(0.5 * self.dt) * nu_dot - six(still, still * 0.0)
+        middle = nu + 0.5 * dt * nu_dot - six(still, still * 0.0)
         return radiate(self.filters, tables.filters, states, e, i, self.first, middle)
 
 

@@ -147,7 +147,7 @@ class ThrusterSet:
         """Take the thrusters of `params`, for steps of `dt` (s); their columns in the auxiliary state begin at
         `first`.
         """
-        self.thrusters, self.actions, self.dt = params.all_thrusters, params.actions, dt
+        self.thrusters, self.actions = params.all_thrusters, params.actions
         self.turning = tuple(t for t in self.thrusters if t.azimuth)
         names = tuple(t.name for t in self.thrusters) or ("left", "right")
         angles = tuple(f"angle_{t.name}" for t in self.turning)
@@ -339,7 +339,7 @@ def lagged(fitted: ti.template(), p: ti.template(), controls, command, ahead):
             found[k] = command[k] + (controls[k] - command[k]) * keep
         for a in ti.static(range(len(fitted.turning))):
             t, at = ti.static(fitted.turning[a], len(fitted) + a)
-            most = ahead * ti.static(t.turn_rate * fitted.dt)
+            most = ahead * (t.turn_rate * p.dt)
             if ti.static(t.all_round):  # the shorter way round
                 way = within_half_turn(command[at] - controls[at])
                 found[at] = within_half_turn(controls[at] + ti.max(ti.min(way, most), -most))
