@@ -193,9 +193,9 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def main() -> int:
+def main(argv: list[str] | None = None) -> int:
     """Run the command."""
-    args = parser().parse_args()
+    args = parser().parse_args(argv)
     samples = round(60 * args.minutes / args.interval)
     if args.order < 1 or samples < 4 * args.order or samples * args.interval < 4 * max(HORIZONS):
         print(
