@@ -138,8 +138,10 @@ def add_shown(parser: argparse.ArgumentParser) -> None:
 
 def add_film(parser: argparse.ArgumentParser) -> None:
     """Add --film and its options."""
+    from taichi_sim.config.io import output
+
     film = parser.add_argument_group("film", "drawn without a display or a GPU; without --out, no recording is written")
-    film.add_argument("--film", type=Path, metavar="FILE", help=".mp4 (extra `film`), or animated .png, .gif, .webp")
+    film.add_argument("--film", type=output, metavar="FILE", help=".mp4 (extra `film`), or animated .png, .gif, .webp")
     film.add_argument(
         "--film-size", type=picture_size, default=(640, 480), metavar="WxH", help="size in px (default: 640x480)"
     )
@@ -221,6 +223,7 @@ def seed(text: str) -> int:
 
 def user_errors() -> tuple[type[Exception], ...]:
     """Exceptions whose message alone tells a user what to do."""
+    from rl.learn.env import FaultError
     from rl.learn.policy import CheckpointError
     from rl.learn.runner import DivergedError
     from rl.mission import ControllerError
@@ -233,7 +236,7 @@ def user_errors() -> tuple[type[Exception], ...]:
     from taichi_sim.sea import SteepSeaError
 
     of_files = ConfigError, RunError, CheckpointError, FilmError, BagError, MissingExtraError
-    return *of_files, ControllerError, SteepSeaError, ActionError, DivergedError
+    return *of_files, ControllerError, SteepSeaError, ActionError, DivergedError, FaultError
 
 
 def run(main: Callable[[list[str] | None], None], argv: list[str] | None = None) -> int:

@@ -13,11 +13,12 @@ def parser() -> argparse.ArgumentParser:
     """The arguments."""
     from rl import cli
     from rl.missions import find_mission, shipped
+    from taichi_sim.config.io import output
 
     p = argparse.ArgumentParser(
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        epilog="figures of each team, measured after the first evaluation.settle (20 s) of each episode\n"
+        epilog="figures of each team, measured after the first evaluation.settle of each episode\n"
         + "\n".join(
             f"of the mission {name!r}:\n"
             + "\n".join(f"  {key}:\n      {text}" for key, text in find_mission(name).Judge.definitions.items())
@@ -26,9 +27,9 @@ def parser() -> argparse.ArgumentParser:
     )
     cli.add_run(p)
     p.add_argument(
-        "--episodes", type=cli.positive_int, default=None, help="number of episodes (default: the scenario's, 256)"
+        "--episodes", type=cli.positive_int, default=None, help="number of episodes (default: the scenario's)"
     )
-    p.add_argument("--json", type=Path, default=None, metavar="FILE", help="also write the figures to FILE")
+    p.add_argument("--json", type=output, default=None, metavar="FILE", help="also write the figures to FILE")
     p.add_argument(
         "--sweep",
         default=None,
@@ -90,7 +91,6 @@ def evaluate(args: argparse.Namespace) -> None:
                 print(f"  {team}: {price:.2f} s of computation for each second of an episode", file=sys.stderr)
         print(json.dumps(outcome.result, indent=2))
         if args.json:
-            args.json.parent.mkdir(parents=True, exist_ok=True)
             run_folder.write_json(args.json, outcome.result)
         try:
             save_evaluation(args.run, outcome, args.config, args.overrides)

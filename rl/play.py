@@ -1,6 +1,7 @@
 """Record one held-out episode of a run's policies: for rerun, as a film, or as a ROS 2 bag."""
 
 import argparse
+import shlex
 import sys
 from pathlib import Path
 
@@ -53,6 +54,7 @@ def main(argv: list[str] | None = None) -> None:
     from rl.evaluation.record import output_of, record_episode
     from rl.evaluation.store import recording_name
     from rl.runs.watch import episode_view, refuse_used
+    from taichi_sim.config.io import refuse_unwritable
     from taichi_sim.film.files import check_film, write_film
 
     output = output_of(args.out, args.origin, show_progress=not args.quiet)
@@ -60,6 +62,8 @@ def main(argv: list[str] | None = None) -> None:
         refuse_used(args.port)
     number = cli.recall(args)
     config, source, policies, seed = cli.open_run(args)
+    if args.out is not None or not args.film:
+        refuse_unwritable(output.place or args.run)
     how = {"size": args.film_size, "fps": args.film_fps, "speed": args.film_speed, "view": args.film_view}
     if args.film:
         check_film(args.film, **how, teams=config.teams)
@@ -76,7 +80,7 @@ def main(argv: list[str] | None = None) -> None:
             return
     default = f"play-{seed}.rrd" if number is None else recording_name(args.controller, args.shown)
     path = output.write(episode, output.place or args.run / default)
-    print(f"recording: {output.reader} {path}")
+    print(f"recording: {output.reader} {shlex.quote(str(path))}")
 
 
 if __name__ == "__main__":

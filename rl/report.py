@@ -10,10 +10,12 @@ if __package__ in (None, ""):  # run as a script: the packages are beside this f
 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
+    from taichi_sim.config.io import output
+
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("run", type=Path, metavar="RUN", help="run folder of rl/train.py")
     p.add_argument("other", type=Path, metavar="OTHER", nargs="?", help="another run for a second column")
-    p.add_argument("--out", type=Path, default=None, metavar="FILE.html", help="the page (default: RUN/report.html)")
+    p.add_argument("--out", type=output, default=None, metavar="FILE.html", help="the page (default: RUN/report.html)")
     return p
 
 

@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import shlex
 import sys
 import time
 from pathlib import Path
@@ -69,7 +70,8 @@ def main(argv: list[str] | None = None) -> None:
         return
     print(report(summary["evaluation"], config, out / run_folder.CONFIG))
     print(f"summary:   {out / 'summary.json'}\nfigures:   {out / 'figures'}")
-    print(f"report:    {out / 'report.html'}\nrecording: rerun {out / 'episode.rrd'}")
+    print(f"report:    {out / 'report.html'}")
+    print(f"recording: {shlex.join(('rerun', str(out / 'episode.rrd')))}")
 
 
 def run_of(args: argparse.Namespace) -> tuple["Scenario", Path, Path]:

@@ -38,12 +38,14 @@ def main(argv: list[str] | None = None) -> None:
     from rl.missions import load_scenario
     from rl.runs.tune import summary, tune, write_numbers
     from taichi_sim.config import ConfigError
-    from taichi_sim.config.io import find_config
+    from taichi_sim.config.io import find_config, refuse_unwritable
 
     source = find_config(args.config)
     config = load_scenario(source, args.overrides)
     if args.team not in config.teams:
         raise ConfigError(f"--team {args.team}: there is no such team; allowed are {', '.join(config.teams)}")
+    if args.write:
+        refuse_unwritable(source)
     cli.start(args)
     tuned = tune(
         config,

@@ -24,6 +24,7 @@ from rl import cli
 from rl.missions import load_scenario
 from rl.missions.formation.config import FormationScenario
 from rl.runs import folder as run_folder
+from taichi_sim.config.io import output
 from tools.benchmarking.against import GROUPS, compare
 from tools.benchmarking.against import table as ratios_table
 from tools.benchmarking.learning import train
@@ -54,7 +55,7 @@ AGAINST_SIZES = (1, 512, 4096)  # environments
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
+    p.add_argument("--json", type=output, metavar="FILE", help="also write the figures to FILE")
     p.add_argument("--threads", type=cli.positive_int, default=0, help="CPU threads (default: all cores)")
     p.add_argument(
         "--seconds", type=cli.positive_float, default=None, help="length of one repetition, s (default: 0.5)"
@@ -191,7 +192,6 @@ def main(argv: list[str] | None = None) -> None:
     else:
         result = alone(args, seconds)
     if args.json:
-        args.json.parent.mkdir(parents=True, exist_ok=True)
         run_folder.write_json(args.json, result)
 
 

@@ -29,7 +29,7 @@ def parser() -> argparse.ArgumentParser:
         "--seed", type=cli.seed, default=None, help="seed of the held-out episodes (default: the scenario's)"
     )
     p.add_argument(
-        "--episodes", type=cli.positive_int, default=None, help="episodes of each run (default: the scenario's, 256)"
+        "--episodes", type=cli.positive_int, default=None, help="episodes of each run (default: the scenario's)"
     )
     cli.add_common(p)
     return p

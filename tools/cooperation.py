@@ -82,7 +82,7 @@ def parser() -> argparse.ArgumentParser:
         "--episodes",
         type=cli.positive_int,
         default=None,
-        help="episodes of each condition (default: the scenario's, 256)",
+        help="episodes of each condition (default: the scenario's)",
     )
     p.add_argument("--only", default="", metavar="WORDS", help="only conditions whose name contains these words")
     cli.add_common(p)

@@ -34,6 +34,7 @@ from torch import Tensor
 
 import taichi_sim as ts
 from taichi_sim.config import ConfigError
+from taichi_sim.config.io import output
 from taichi_sim.forecast import Autoregression
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler
@@ -188,14 +189,14 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--pitch", type=float, default=1.5, help="deg")
     p.add_argument("--heave", type=float, default=1.0, help="m/s")
     p.add_argument("--seed", type=int, default=1)
-    p.add_argument("--out", type=Path, default=None, metavar="FILE", help="picture")
-    p.add_argument("--json", type=Path, default=None, metavar="FILE", help="all numbers")
+    p.add_argument("--out", type=output, default=None, metavar="FILE", help="picture")
+    p.add_argument("--json", type=output, default=None, metavar="FILE", help="all numbers")
     return p
 
 
-def main() -> int:
+def main(argv: list[str] | None = None) -> int:
     """Run the command."""
-    args = parser().parse_args()
+    args = parser().parse_args(argv)
     samples = round(60 * args.minutes / args.interval)
     if args.order < 1 or samples < 4 * args.order or samples * args.interval < 4 * max(HORIZONS):
         print(

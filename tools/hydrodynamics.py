@@ -27,6 +27,7 @@ import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any 
 from rl.cli import positive_float
 from taichi_sim.config import ConfigError
 from taichi_sim.config.base import MissingExtraError
+from taichi_sim.config.io import output
 from taichi_sim.conventions import GRAVITY, RHO_SEA
 from taichi_sim.hydro import compute, hull
 from taichi_sim.hydro.fit import ENERGY, FitError
@@ -42,7 +43,7 @@ def parser() -> argparse.ArgumentParser:
     """The parser of the arguments."""
     p = argparse.ArgumentParser(description="Compute a hull's hydrodynamic database by boundary elements.")
     p.add_argument("hull", metavar="HULL", help="a vehicle file, the name of a shipped one, or a mesh file")
-    p.add_argument("--out", type=Path, metavar="FILE", help="where to write (default: NAME.hydro.json beside HULL)")
+    p.add_argument("--out", type=output, metavar="FILE", help="where to write (default: NAME.hydro.json beside HULL)")
     mesh = p.add_argument_group("meshes")
     mesh.add_argument("--mesh", type=Path, metavar="FILE", help="compute on this mesh of the vehicle, about its CO")
     mesh.add_argument("--unit", choices=UNITS, default="m", help="unit of the mesh (default: m)")

@@ -35,7 +35,7 @@ def main(argv: list[str] | None = None) -> None:
     from rl.evaluation.headroom import bound_file, headroom_line, read_bounds, run_bound, write_bounds
     from rl.missions import load_scenario
     from taichi_sim.config import ConfigError
-    from taichi_sim.config.io import find_config
+    from taichi_sim.config.io import find_config, refuse_unwritable
 
     source = find_config(args.scenario)
     config = load_scenario(args.scenario, args.overrides)
@@ -44,6 +44,7 @@ def main(argv: list[str] | None = None) -> None:
         raise ConfigError(f"--team {wrong[0]}: allowed are {', '.join(config.trained)}")
     cli.start(args)
     file = args.out or bound_file(config)
+    refuse_unwritable(file)
     bounds = read_bounds(config, file)
     judge = mission_class(config, source).Judge
     for team in teams:

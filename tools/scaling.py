@@ -25,6 +25,7 @@ import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any 
 from rl import cli
 from rl.runs import folder as run_folder
 from rl.runs import launch
+from taichi_sim.config.io import output
 from tools.benchmarking.against import Worker
 
 WORKER = Path(__file__).with_name("benchmarking") / "learning.py"
@@ -118,7 +119,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--environments", type=cli.positive_int, nargs="+", default=[512, 2048], metavar="N")
     p.add_argument("--repetitions", type=cli.positive_int, default=5, metavar="N", help="rounds (default: 5)")
     p.add_argument("--against", type=Path, metavar="CHECKOUT", help="another checkout of this project, from ff093b3 on")
-    p.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
+    p.add_argument("--json", type=output, metavar="FILE", help="also write the figures to FILE")
     p.add_argument("--quiet", action="store_true", help="no progress bar")
     return p
 

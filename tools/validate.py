@@ -20,6 +20,7 @@ import sys
 from pathlib import Path
 
 import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
+from taichi_sim.config.io import output
 from tests.validation.document import write
 from tests.validation.report import NothingToCheckError, validate
 
@@ -28,8 +29,8 @@ def main(argv: list[str] | None = None) -> int:
     """Run the command; return the exit status."""
     parser = argparse.ArgumentParser(description="Check this package against reference tables.")
     parser.add_argument("--reference", type=Path, required=True, help="directory of the tables")
-    parser.add_argument("--json", type=Path, help="also write the report here, as JSON")
-    parser.add_argument("--report", type=Path, help="also write a page (Markdown), pictures in the folder of its name")
+    parser.add_argument("--json", type=output, help="also write the report here, as JSON")
+    parser.add_argument("--report", type=output, help="also write a page (Markdown), with a folder of pictures")
     text = "keep the databases there that are computed for ships without one (minutes each; extra `bem`)"
     parser.add_argument("--bem", type=Path, metavar="FOLDER", help=text)
     arguments = parser.parse_args(argv)

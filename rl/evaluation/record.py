@@ -137,7 +137,7 @@ def record_episode(
         seen: called with each frame.
 
     Raises:
-        ValueError: if a state diverged in the first step, so that there is nothing to record.
+        RunError: if a state diverged in the first step, so that there is nothing to record.
     """
     duration = config.episode_duration if duration is None else duration
     steps = max(2, round(duration / config.decision_interval))
@@ -160,7 +160,7 @@ def record_episode(
             if any("crashed" in ended and bool(ended["crashed"][env].all()) for ended in step.endings.values()):
                 break  # aircraft do not fly under water
     if not len(reel):
-        raise ValueError(f"nothing to record: {events[0].text} in the first step")
+        raise RunError(f"nothing to record: {events[0].text} in the first step")
     for name, team in task.teams.items():
         events += _stalls(team.fleet.model, name, reel.recorder.aux(name), reel.recorder.time_s)
     which = "" if number is None else f", episode {number[0]} of {number[1]}"

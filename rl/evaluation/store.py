@@ -106,8 +106,9 @@ def shown_episode(run: Path, controller: str, name: str) -> tuple[StoredEvaluati
     """
     found = load_evaluation(run, controller)
     if found is None:
-        classical = "" if controller == "policy" else f" --controller {controller}"
-        raise RunError(f"{run}: no evaluation of {controller!r} in it: run python rl/evaluate.py {run}{classical}")
+        which = () if controller == "policy" else ("--controller", controller)
+        line = shlex.join(("taichi-sim", "evaluate", str(run), *which))
+        raise RunError(f"{run}: no evaluation of {controller!r} in it; make one with: {line}")
     if name not in SHOWN:
         raise ValueError(f"{name!r}: allowed are {', '.join(SHOWN)}")
     return found, shown_numbers(found.result)[name]
@@ -166,7 +167,7 @@ class Run(NamedTuple):
 
     def command(self, script: str, *arguments: str) -> str:
         """A command line on this run."""
-        return " ".join(("python", f"rl/{script}.py", shlex.quote(str(self.folder)), *arguments))
+        return shlex.join(("taichi-sim", script, str(self.folder), *arguments))
 
 
 def read_run(folder: Path) -> Run:

@@ -16,6 +16,7 @@ import hashlib
 import json
 import os
 import platform
+import shlex
 import shutil
 import subprocess
 import sys
@@ -212,7 +213,12 @@ def refuse_existing(out: Path) -> None:
         RunError: if it does.
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise RunError(f"{out} exists already: give another --out, or continue it with --resume")
+        raise RunError(f"{out} exists already: give another --out, or continue it with: {resuming(out)}")
+
+
+def resuming(out: Path) -> str:
+    """The command line that continues a run."""
+    return shlex.join(("taichi-sim", "train", "--out", str(out), "--resume"))
 
 
 def _keep_files(files: list[Path], out: Path, place: str) -> str:

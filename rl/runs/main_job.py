@@ -77,7 +77,7 @@ def run_main_job(
         run_folder.write_json(out / run_folder.SUMMARY, summary)
         write_report([out])
     except KeyboardInterrupt as interrupt:
-        message = f"checkpoints are in {out}; continue with --out {out} --resume"
+        message = f"checkpoints are in {out}; continue with: {run_folder.resuming(out)}"
         raise type(interrupt)(message) from None
     return summary
 

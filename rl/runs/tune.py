@@ -22,6 +22,7 @@ from rl.mission import ControllerError
 from rl.missions import make_mission
 from rl.scenario import Scenario, derive_seed
 from taichi_sim.config import ConfigError, Strict
+from taichi_sim.config.io import replacing
 from taichi_sim.kernels import runtime
 from taichi_sim.vehicle import Vehicle
 
@@ -128,7 +129,8 @@ def write_numbers(file: Path, team: str, numbers: Mapping[str, float], comment: 
         text = old.sub(lambda _: section + "\n", text, count=1).rstrip("\n") + "\n"
     else:
         text = text.rstrip("\n") + "\n\n" + section
-    file.write_text(text, encoding="utf-8")
+    with replacing(file) as part:
+        part.write_text(text, encoding="utf-8")
 
 
 def summary(tuned: Tuned, line: Callable[[dict[str, float | None]], str]) -> str:

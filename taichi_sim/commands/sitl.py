@@ -33,6 +33,7 @@ from typing import TYPE_CHECKING, TextIO
 from taichi_sim.commands.trials import changes_of, conditions_of
 from taichi_sim.config import ConfigError
 from taichi_sim.config.base import MissingExtraError
+from taichi_sim.config.io import output
 from taichi_sim.kernels import runtime
 from taichi_sim.sea import SteepSeaError
 from taichi_sim.sitl.ardupilot import Session
@@ -249,8 +250,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--current", type=float, nargs=2, metavar=("SPEED", "TO"), help="m/s, deg [none]")
     p.add_argument("--heading", type=float, default=0.0, metavar="DEG", help="initial heading [0]")
     p.add_argument("--seed", type=int, default=1, help="seed of the sea [1]")
-    p.add_argument("--log", type=Path, metavar="FILE", help="a CSV of all frames: motion in SI, and servo outputs")
-    p.add_argument("--record", type=Path, metavar="FILE.rrd",
+    p.add_argument("--log", type=output, metavar="FILE", help="a CSV of all frames: motion in SI, and servo outputs")
+    p.add_argument("--record", type=output, metavar="FILE.rrd",
                    help="for rerun, 10 frames a second; written at the end and at restarts")  # fmt: skip
     p.add_argument("--live", action="store_true", help="show it (the first instance) in a rerun viewer as it moves")
     p.add_argument(

@@ -30,7 +30,7 @@ import numpy as np
 
 from taichi_sim.config import AirConfig, ConfigError, SeaConfig, Strict
 from taichi_sim.config.base import Table
-from taichi_sim.config.io import validate
+from taichi_sim.config.io import refuse_unwritable, validate
 from taichi_sim.kernels import runtime
 from taichi_sim.sea import SteepSeaError
 from taichi_sim.trials import flight, ship
@@ -294,8 +294,9 @@ def main(argv: list[str] | None = None) -> int:
     runtime.init(precision="f64", threads=1)
     shown = (lambda _: None) if args.quiet else (lambda words: print(words, file=sys.stderr, flush=True))
     try:
+        folder = args.out or Path(f"trials-{Path(args.vehicle).stem}")
+        refuse_unwritable(folder)
         report = run(args, shown)
-        folder = args.out or Path(f"trials-{report.vehicle}")
         write(report, folder)
     except (ConfigError, SteepSeaError, ValueError, OSError) as error:
         print(f"trials: {error}", file=sys.stderr)

@@ -9,9 +9,20 @@ from numpy.typing import ArrayLike
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from torch import Tensor
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+SMALLEST, LARGEST = 1e-12, 1e15
+"""Limits of positive numbers, and of all numbers either way: kernels' single precision holds their squares, times 1e8.
+The inertia of the largest ships is 1e13 kg m^2, the moment of a small rotor 1e-9 N m s^2."""
+
+
+def _not_tiny(value: float) -> float:
+    if value < SMALLEST:
+        raise ValueError(f"allowed are {SMALLEST:g} to {LARGEST:g}")
+    return value
+
+
+Positive = Annotated[float, Field(gt=0, le=LARGEST, allow_inf_nan=False), AfterValidator(_not_tiny)]
+NonNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
+Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 Table: TypeAlias = dict[str, object]
 """A table of TOML: values, arrays and tables by key."""

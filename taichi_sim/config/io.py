@@ -1,7 +1,10 @@
 """Reading, overriding, and writing configurations, with errors that name file, key, value and what is allowed."""
 
+import argparse
 import contextlib
+import errno
 import os
+import tempfile
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -18,6 +21,7 @@ from taichi_sim.config.vary import FIXED_BY, flattened, with_range
 from taichi_sim.config.world import TeamConfig, WorldConfig
 
 Model = TypeVar("Model", bound=Strict)
+ROOM = 1 << 20  # bytes that a disk must take for an output to begin; assumed
 MEASURED = "sea.record"  # stands for a measured spectrum among the alternatives that define a sea
 
 
@@ -124,6 +128,33 @@ def read_toml(file: Path) -> dict[str, Any]:
         raise ConfigError(f"{file}: cannot be read: {error}") from None
 
 
+def refuse_unwritable(place: Path) -> None:
+    """Refuse now what could not be written after hours of work, as a file or a folder `place`, new or not.
+
+    Raises:
+        OSError: if its folder cannot be written, or the disk is full.
+    """
+    parents = place.absolute().parents
+    folder = place if place.is_dir() else next(parent for parent in parents if parent.exists())
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(bytes(ROOM))
+    except OSError as error:
+        raise OSError(error.errno, f"cannot be written: {error.strerror}", str(place)) from None
+
+
+def output(text: str) -> Path:
+    """An argparse type: a file to write, refused at once if it could not be written."""
+    file = Path(text)
+    try:
+        if file.is_dir():
+            raise IsADirectoryError(errno.EISDIR, "a folder of that name exists", text)
+        refuse_unwritable(file)
+    except OSError as error:
+        raise argparse.ArgumentTypeError(f"{text}: {error.strerror}") from None
+    return file
+
+
 @contextlib.contextmanager
 def replacing(file: Path) -> Iterator[Path]:
     """A temporary file beside `file` to write to, which takes its place after the block.
@@ -131,6 +162,7 @@ def replacing(file: Path) -> Iterator[Path]:
     So a file under its name is complete. After an error the old one stays.
     """
     part = file.with_name(f".{file.stem}.part{file.suffix}")
+    file.parent.mkdir(parents=True, exist_ok=True)
     try:
         yield part
         os.replace(part, file)

@@ -86,9 +86,10 @@ def _spectrum(value: str) -> str:
 Spectrum = Annotated[str, AfterValidator(_spectrum)]  # one of SPECTRA, or a file
 
 Height = Annotated[float, Field(ge=0, le=15)]  # significant wave height, m; 0 is a calm sea
-Period = Annotated[float, Field(gt=0, le=30)]  # peak period, s
+SHORTEST = 0.1  # s: shorter waves are capillary
+Period = Annotated[float, Field(ge=SHORTEST, le=30)]  # peak period, s
 Peakedness = Annotated[float, Field(ge=1, le=10)]  # gamma of JONSWAP
-SpreadingExponent = Annotated[float, Field(gt=0, le=200)]  # s of cos^2s; larger is narrower
+SpreadingExponent = Annotated[float, Field(ge=0.01, le=200)]  # s of cos^2s; larger is narrower
 ComponentCount = Annotated[int, Field(ge=1, le=MAX_COMPONENTS)]
 
 
@@ -127,8 +128,8 @@ class SeaConfig(Strict):
     hs: Height | None = None  # m
     tp: Period | None = None  # s
     sea_state: Annotated[int, Field(ge=0, le=8)] | None = None  # code of WMO table 3700; 9 has no upper end
-    wind_speed: Annotated[float, Field(gt=0, le=60)] | None = None  # 10 m above the sea, m/s
-    fetch: Annotated[float, Field(gt=0, le=1e7)] | None = None  # distance over which that wind blows, m
+    wind_speed: Annotated[float, Field(ge=0.001, le=60)] | None = None  # 10 m above the sea, m/s
+    fetch: Annotated[float, Field(ge=0.1, le=1e7)] | None = None  # distance over which that wind blows, m
     follows_wind: bool = False  # the sea is raised by the wind of [air] and travels with it
     gamma_js: Peakedness = 3.3  # peakedness of a JONSWAP spectrum (Hasselmann et al. 1973: 3.3)
     direction_deg: Finite = 45.0  # mean direction the waves travel to, clockwise from north

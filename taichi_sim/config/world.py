@@ -46,7 +46,7 @@ class AirConfig(Strict):
     direction_deg: Finite = 0.0  # the wind blows from here, clockwise from north
     series: Annotated[str, Field(min_length=1)] | None = None  # CSV of the mean wind over time (series.py), at 10 m
     profile: Literal["log", "power", "uniform"] = "log"  # mean wind over height
-    roughness: Annotated[float, Field(gt=0, le=1)] | None = None  # z0 of the log profile, m; omitted: Charnock's
+    roughness: Annotated[float, Field(ge=1e-6, le=1)] | None = None  # z0 of the log profile, m; omitted: Charnock's
     charnock: Annotated[float, Field(ge=0.005, le=0.05)] = 0.0144  # Garratt 1977; 0.011 (open sea) to 0.0185 (coast)
     exponent: Annotated[float, Field(ge=0, le=0.5)] = 1 / 7  # for the power profile; 0.11 over sea (Hsu et al. 1994)
     std: Annotated[float, Field(ge=0, le=20)] = 0.0  # deviation of each component's (north, east) slow variation, m/s
@@ -100,7 +100,7 @@ class WorldConfig(Strict):
     sea: SeaConfig = SeaConfig()
     air: AirConfig = AirConfig()
     vary: Ranges = {}  # key of `CONDITIONS` -> range; drawn for each realisation of the sea (vary.py, conditions.py)
-    variation: NonNegative = 1.0  # width of all ranges, the teams' too, over that given; 0: nothing varies
+    variation: Annotated[float, Field(ge=0, le=10)] = 1.0  # width of all ranges over that given
 
     @property
     def teams(self) -> dict[str, TeamConfig]:

@@ -25,7 +25,9 @@ import ctypes
 import io
 import linecache
 import os
+import shutil
 import sys
+import tempfile
 import textwrap
 import threading
 import time
@@ -97,6 +99,8 @@ class Runtime:
             )
 
 
+CACHE = "TI_OFFLINE_CACHE_FILE_PATH"  # environment variable: Taichi's folder of compiled kernels
+_own_cache: str | None = None  # a temporary one, of a process that cannot write to that
 _current: Runtime | None = None
 _generation = 0  # number of the Taichi program; kernels compiled in an earlier one are gone
 _forked = False  # whether this process was forked from one in which Taichi ran
@@ -129,6 +133,7 @@ def init(arch: str = "cpu", precision: Precision = "f32", threads: int = 0) -> R
     if _current == wanted:
         return wanted
     with _lock:
+        _check_cache()
         with contextlib.redirect_stdout(io.StringIO()):  # hides Taichi's greeting: stdout is for results
             ti.init(
                 arch=getattr(ti, arch),
@@ -145,6 +150,25 @@ def init(arch: str = "cpu", precision: Precision = "f32", threads: int = 0) -> R
         _generation += 1
         _forget_packs()
     return wanted
+
+
+def _check_cache() -> None:
+    """Give Taichi a folder of this process for compiled kernels where it cannot write to its own, and say so.
+
+    Taichi would end the process with an error, after all work.
+    """
+    global _own_cache
+    place = os.environ.get(CACHE) or impl.default_cfg().offline_cache_file_path
+    try:
+        Path(place).mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=place).close()
+    except OSError as error:
+        print(
+            f"warning: {place} cannot be written ({error.strerror}): compiled kernels are not kept, and every start "
+            f"compiles them again; name another folder in the environment variable {CACHE}",
+            file=sys.stderr,
+        )
+        _own_cache = os.environ[CACHE] = tempfile.mkdtemp(prefix="taichi-sim-")
 
 
 def _clear_stale_lock(cache: Path) -> None:
@@ -255,7 +279,12 @@ def _end() -> None:
     process would compile everything again, which takes half a minute at a team's first step.
     """
     _forget_packs()
-    impl.get_runtime().clear()
+    try:
+        impl.get_runtime().clear()
+    except RuntimeError as error:  # a full disk
+        print(f"warning: compiled kernels are not kept: {error}", file=sys.stderr)
+    if _own_cache is not None:
+        shutil.rmtree(_own_cache, ignore_errors=True)
 
 
 WAKE_UP = 70e3  # ns; time of a launch to wake the threads and to wait for them

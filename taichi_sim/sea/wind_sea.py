@@ -23,6 +23,7 @@ import math
 from typing import NamedTuple
 
 from taichi_sim.config import SeaConfig
+from taichi_sim.config.sea import SHORTEST
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.sea.measured import records_of
 from taichi_sim.sea.spectrum import CALM_PERIOD, pierson_moskowitz_hs_tp
@@ -72,7 +73,8 @@ def growing_sea(wind_speed: float, fetch: float, g: float = GRAVITY) -> SeaSize:
 def sea_size(config: SeaConfig) -> SeaSize:
     """Height and period of the wind sea (without swell) of a configuration.
 
-    For a measured sea they are those of its record, or the mean over its records.
+    For a measured sea they are those of its record, or the mean over its records. A wind too weak for gravity waves
+    (below 0.14 m/s) gives a sea of less than a millimetre with their shortest period.
     """
     if config.measured:
         records = records_of(config)
@@ -81,9 +83,9 @@ def sea_size(config: SeaConfig) -> SeaSize:
         hs = sum(sea_state_range(config.sea_state)) / 2
         return SeaSize(hs, developed_period(hs) if hs > 0 else CALM_PERIOD)
     if config.wind_speed is not None:
-        if config.fetch is not None:
-            return growing_sea(config.wind_speed, config.fetch)
-        return developed_sea(config.wind_speed)
+        grows = config.fetch is not None
+        hs, tp = growing_sea(config.wind_speed, config.fetch) if grows else developed_sea(config.wind_speed)
+        return SeaSize(hs, max(tp, SHORTEST))
     assert config.hs is not None and config.tp is not None  # SeaConfig ensures it
     return SeaSize(config.hs, config.tp)
 

@@ -181,7 +181,7 @@ def test_a_signal_ends_all_with_one_message_and_fewer_may_go_on(number, status, 
     os.kill(running.pid, number)
     _, err = running.communicate(timeout=PATIENCE)
     assert running.returncode == status
-    assert err.count("continue with --out") == 1 and "Traceback" not in err
+    assert err.count("continue with: taichi-sim train --out") == 1 and "Traceback" not in err
     assert not any(Path(f"/proc/{pid}").exists() for pid in workers)
     done = len(iterations(out, "usv"))
     assert (out / "usv" / f"model_{done}.pt").is_file()  # nothing is lost

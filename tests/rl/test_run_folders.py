@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import shlex
 import shutil
 import subprocess
 from pathlib import Path
@@ -9,7 +10,9 @@ from pathlib import Path
 import pytest
 from command_line import TEAMS, TINY, command, content, forget, sets
 
+from rl.evaluation import store
 from rl.runs import folder as run_folder
+from rl.train import parser
 from taichi_sim.config.io import config_folder
 
 
@@ -111,5 +114,18 @@ def test_a_disk_full_in_stage_two_keeps_stage_one(run, tmp_path):
 
 def test_an_evaluation_that_cannot_be_written_says_so(here, run, tmp_path):
     (tmp_path / "file").write_text("")
-    ending = here("rl.evaluate", run, "--json", tmp_path / "file" / "out.json")
-    ending.fails(str(tmp_path / "file"))
+    for module, option, name in (("rl.evaluate", "--json", "a.json"), ("rl.play", "--film", "a.gif")):
+        place = tmp_path / "file" / name
+        here(module, run, option, place).fails(option, str(place), "Not a directory", status=2)  # before any episode
+    here("rl.play", run, "--out", tmp_path / "file" / "a.rrd").fails("cannot be written", "Not a directory")
+
+
+def test_commands_for_a_user_to_paste_bear_a_space(run, tmp_path):
+    place = Path("my runs") / "it's"
+    words = shlex.split(run_folder.resuming(place))
+    assert words[0] == "taichi-sim" and Path(parser().parse_args(words[2:]).out) == place
+    shutil.copytree(run, tmp_path / "my run")
+    with pytest.raises(run_folder.RunError) as fault:
+        store.shown_episode(tmp_path / "my run", "oracle", "worst")
+    line = str(fault.value).partition("with: ")[2]
+    assert shlex.split(line) == ["taichi-sim", "evaluate", str(tmp_path / "my run"), "--controller", "oracle"]

@@ -13,7 +13,7 @@ from rl.evaluation.headroom import headroom, read_bounds
 from rl.evaluation.intervals import Interval, differences, intervals
 from rl.evaluation.store import Run, StoredEvaluation
 from rl.evaluation.sweeps import AxisTable, CellRow, SweepTable, named, value_text
-from rl.runs.folder import CONFIG, StageResult
+from rl.runs.folder import CONFIG, StageResult, resuming
 from taichi_sim.config.io import toml_text
 from taichi_sim.plotting import moving_mean
 from taichi_sim.plotting.page import COLOURS, blank, folded, missing, panel, paragraph, svg, table, text
@@ -43,7 +43,7 @@ def about(run: Run) -> str:
     rows.append(("commit", str(meta.get("git_commit") or "not known")[:19]))
     parts = table(("", run.name), [(text(a), text(b)) for a, b in rows], numbers=False)
     if run.summary is None:
-        parts += missing("The training is not finished.", f"python rl/train.py --out {run.folder} --resume")
+        parts += missing("The training is not finished.", resuming(run.folder))
     return parts + folded("every key of the scenario", f"<pre>{text(toml_text(config))}</pre>")
 
 
@@ -173,7 +173,7 @@ def curves(runs: Sequence[Run]) -> str:
     """A row of panels for each team; each panel shows all runs."""
     teams = list(dict.fromkeys(team for run in runs for team in run.histories))
     if not teams:
-        return missing("No training yet.", f"python rl/train.py --out {runs[0].folder} --resume")
+        return missing("No training yet.", resuming(runs[0].folder))
     of_mission = mission_class(runs[0].config, runs[0].folder / CONFIG).logged
     known = {column for run in runs for history in run.histories.values() for column in history}
     columns = [name for name in (*COLUMNS, *of_mission) if name in known]

@@ -1,5 +1,7 @@
 """The part of a report on single episodes: the worst, the median, and collisions."""
 
+import shlex
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
@@ -35,7 +37,8 @@ def _events(of: Excerpt) -> str:
 def _recording(run: Run, name: str) -> str:
     file = recording_name("policy", name)
     if (run.folder / file).is_file():
-        return f'<p>Recording: <a href="{file}">{file}</a>, opened by <code>rerun {text(run.folder / file)}</code></p>'
+        line = shlex.join(("rerun", str(run.folder / file)))
+        return f'<p>Recording: <a href="{file}">{file}</a>, opened by <code>{text(line)}</code></p>'
     return missing("Not recorded yet.", run.command("play", f"--{name}"))
 
 

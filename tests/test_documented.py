@@ -1,0 +1,233 @@
+"""Every command in README.md and docs/: its own parser takes it, its overrides fit a scenario, and it runs."""
+
+import argparse
+import importlib
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import command_line
+import pytest
+from command_line import ROOT, TIMEOUT, sets, tiny_run
+
+from rl.missions import load_scenario
+from taichi_sim.commands.main import SCRIPTS, STARTERS, starter_parser
+from taichi_sim.config import ConfigError
+from taichi_sim.config.io import config_folder
+
+PAGES = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md")))
+FENCE = re.compile(r"^ *```(\w*)[^\n]*\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
+FILE = re.compile(r"^```\w+ file=(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+SPAN = re.compile(r"`((?:taichi-sim|python (?:rl|tools)/)[^`]*)`")
+OTHERS = {"cd", "git", "make", "mkdocs", "pyright", "pytest", "ros2", "ruff", "sim_vehicle.py", "tensorboard",
+          ".ci/run"}  # fmt: skip
+"""Programs of others, whose command lines are not ours to check."""
+
+
+class Documented(NamedTuple):
+    """A command line of a page."""
+
+    page: str
+    line: str
+    words: tuple[str, ...]
+    fenced: bool  # or between backticks in a sentence
+
+
+def documented() -> Iterator[Documented]:
+    """Commands of all pages: those of fenced blocks of a shell, and ours between backticks."""
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        blocks = "\n".join(block for kind, block in FENCE.findall(text) if kind == "sh").replace("\\\n", " ")
+        for fenced, lines in ((True, blocks.splitlines()), (False, SPAN.findall(FENCE.sub("", text)))):
+            for line in (part for whole in lines for part in whole.split(" && ")):
+                words = shlex.split(re.sub(r"\[(runs/\w+)\]", r"\1", line), comments=True)  # [what may be left out]
+                while words and re.fullmatch(r"export|\w+=.*", words[0]):  # variables of the shell
+                    words = words[1:]
+                if words:
+                    yield Documented(str(page.relative_to(ROOT)), shlex.join(words), tuple(words), fenced)
+
+
+COMMANDS = tuple(dict.fromkeys(documented()))
+
+
+class Taken(Exception):  # noqa: N818
+    """A parser has taken a command line."""
+
+
+def ours(words: tuple[str, ...]) -> tuple[str, list[str]] | None:
+    """The module and the arguments of a command of ours; None for another."""
+    if words[0] == "torchrun":
+        words = ("python", *words[next(k for k, word in enumerate(words) if word.endswith(".py")) :])
+    if words[0] == "python" and words[1].startswith(("rl/", "tools/")):
+        return words[1].removesuffix(".py").replace("/", "."), list(words[2:])
+    if words[0] == "taichi-sim" and words[1:2] and words[1] in SCRIPTS:
+        module, beside, _ = SCRIPTS[words[1]]
+        return module, [*words[2:], *((*beside, "default") if beside else ())]
+    return None
+
+
+def taken(module: str, arguments: list[str], monkeypatch) -> argparse.Namespace:
+    """What the parser of a command makes of its arguments; the command itself does not begin."""
+    found: list[argparse.Namespace] = []
+
+    def ending(parse):
+        def parsed(*args, **more):
+            found.append(parse(*args, **more))
+            raise Taken
+
+        return parsed
+
+    for name in ("parse_args", "parse_intermixed_args"):
+        monkeypatch.setattr(argparse.ArgumentParser, name, ending(getattr(argparse.ArgumentParser, name)))
+    with pytest.raises(Taken):
+        importlib.import_module(module).main(arguments)
+    return found[0]
+
+
+def fits(overrides: list[str], config: object) -> None:
+    """Fail unless the scenario `config`, or any shipped one without it, takes the overrides."""
+    shipped, refused = sorted(file.stem for file in config_folder().glob("*.toml")), []
+    for name in [str(config)] if str(config) in shipped or Path(str(config)).is_file() else shipped:
+        try:
+            load_scenario(name, overrides)
+            return
+        except ConfigError as error:
+            refused.append(str(error))
+    pytest.fail("\n".join(refused))
+
+
+@pytest.mark.parametrize("found", COMMANDS, ids=lambda found: f"{found.page}: {found.line[:60]}")
+def test_the_parser_of_a_documented_command_takes_it(found, monkeypatch, capsys, tmp_path):
+    program, *rest = found.words
+    if program in OTHERS or found.words in (("taichi-sim",), ("taichi-sim", "COMMAND", "--help")):
+        return
+    if program == "pip":
+        extras = {name for word in rest for names in re.findall(r"\[(.*)\]", word) for name in names.split(",")}
+        assert extras <= set(re.findall(r"^(\w+) = \[", (ROOT / "pyproject.toml").read_text(), re.MULTILINE))
+        return
+    if program == "python" and "/" not in rest[0]:
+        page = (ROOT / found.page).read_text(encoding="utf-8")
+        assert f"file={rest[0]}\n" in page or rest[0].startswith("-"), f"{rest[0]} is no file of the page"
+        return
+    if program == "taichi-sim" and rest[0] in STARTERS:
+        starter_parser(rest[0]).parse_args(rest[1:] or ["name"])
+        return
+    command = ours(found.words)
+    assert command is not None, f"{program}: neither ours nor among {sorted(OTHERS)}"
+    module, arguments = command
+    if not arguments and not found.fenced:  # a command's name in a sentence
+        importlib.import_module(module)
+        return
+    try:
+        args = taken(module, arguments, monkeypatch)
+    except SystemExit as ended:
+        assert ended.code == 0, capsys.readouterr().err  # 0: --help
+        return
+    if module.startswith("rl.") and getattr(args, "overrides", ()):
+        _stand_ins(found.page, tmp_path)
+        monkeypatch.chdir(tmp_path)
+        fits([text.replace("=N", "=1") for text in args.overrides], args.config)
+
+
+def test_no_block_without_a_language_hides_a_command():
+    for page in PAGES:
+        for kind, block in FENCE.findall(page.read_text(encoding="utf-8")):
+            assert kind or not re.search(r"^ *(taichi-sim|python|pip|torchrun) ", block, re.MULTILINE), (page, block)
+
+
+# What follows runs them.
+
+RUNS = ("RUN", "runs/NAME", "runs/OTHER", "runs/A", "runs/B", "runs/C", "runs/rough")
+OTHER_RUNS = {"docs/landing.md": "landing", "docs/tutorials/report.md": "buoy"}
+BUOY = ROOT / "tests" / "data" / "reference" / "buoys"
+NEEDS = {
+    "taichi-sim sitl": "an autopilot at the other end: test_sitl.py",
+    "--live": "a viewer: test_live.py",
+    "--watch": "a viewer: test_watch.py",
+    "HOST": "several machines: test_processes.py",
+    "esso_osaka": "logs of others",
+}
+"""What keeps a command from running in a test."""
+OWN_TEST = ("docs/tutorials/", "CONTRIBUTING.md")  # test_tutorials.py; tools of developers have tests by name
+SHORT = {
+    "rl.evaluate": ("--episodes", "2"),
+    "rl.play": ("--duration", "1"),
+    "tools.compare": ("--episodes", "2"),
+    "tools.hydrodynamics": ("--divisions", "3", "--frequencies", "6", "--range", "1.2", "3.2"),
+}
+"""Module -> arguments that make it short."""
+
+
+def runnable(found: Documented) -> bool:
+    """Whether a test can run a command."""
+    return found.fenced and ours(found.words) is not None and not found.page.startswith(OWN_TEST) \
+        and not any(word in found.line for word in NEEDS)  # fmt: skip
+
+
+def _stand_ins(page: str, folder: Path) -> None:
+    """Write small files of the names that a page uses."""
+    for name, text in FILE.findall((ROOT / page).read_text(encoding="utf-8")):
+        (folder / name).write_text(text, encoding="utf-8")
+    for file in BUOY.glob("41010.*"):
+        shutil.copy(file, folder)
+    shutil.copy(config_folder() / "paper.toml", folder / "my.toml")
+    barge = (config_folder() / "vehicles" / "barge.toml").read_text(encoding="utf-8")
+    (folder / "my_boat.toml").write_text(barge.replace("barge.hydro", "my_boat.hydro"), encoding="utf-8")
+
+
+def _short_training(name: str) -> list[str]:
+    """Overrides of a scenario that make its training short."""
+    config = load_scenario(name)
+    pools = {"formation": ["track.worlds=4"], "escort": ["escort.worlds=4"]}.get(config.mission, [])
+    stages = [
+        f"stages.{team}.{key}"
+        for team in config.trained
+        for key in (f'team="{team}"', "iterations=2", "num_envs=8", "steps_per_iteration=4")
+    ]
+    return sets("stages={}", *stages, *pools, "sea.realisations=4", "episode_duration=3", "evaluation.episodes=4",
+                "evaluation.settle=1")  # fmt: skip
+
+
+def _run(words: list[str], folder: Path) -> None:
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    environment = os.environ | {"PATH": path, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, timeout=TIMEOUT)
+    assert done.returncode == 0, f"{shlex.join(words)}\n{done.stdout[-2000:]}{done.stderr[-4000:]}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", sorted({found.page for found in COMMANDS if runnable(found)}))
+def test_the_commands_of_a_page_run(page, tmp_path, monkeypatch):
+    """In the order of the page, in one folder, with stand-ins for what a user has, each made short."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(command_line, "place", tmp_path)
+    _stand_ins(page, tmp_path)
+    if any(run in found.line for found in COMMANDS if found.page == page for run in RUNS):
+        for name in RUNS:
+            shutil.copytree(tiny_run(), tmp_path / name)
+        if page in OTHER_RUNS:
+            shutil.rmtree(tmp_path / "RUN")
+            small = _short_training(OTHER_RUNS[page])
+            _run([sys.executable, str(ROOT / "rl" / "train.py"), "--config", OTHER_RUNS[page], "--out", "RUN", *small],
+                 tmp_path)  # fmt: skip
+    for found in COMMANDS:
+        if found.page != page or not runnable(found):
+            continue
+        module, arguments = ours(found.words) or ("", [])
+        short = list(SHORT.get(module, ()))
+        if module == "rl.train" and "--resume" not in arguments:
+            name = arguments[arguments.index("--config") + 1] if "--config" in arguments else "escort"
+            short = _short_training(name)
+            if "--out" in arguments:
+                shutil.rmtree(tmp_path / arguments[arguments.index("--out") + 1], ignore_errors=True)
+        engine = [sys.executable]
+        if found.words[0] == "torchrun":
+            engine += ["-m", "torch.distributed.run", *found.words[1 : found.words.index("rl/train.py")]]
+        given = [str(file) for word in arguments for file in (sorted(tmp_path.glob(word)) if "*" in word else [word])]
+        _run([*engine, str(ROOT / f"{module.replace('.', '/')}.py"), *given, *short], tmp_path)
