@@ -223,7 +223,7 @@ def seed(text: str) -> int:
 
 def user_errors() -> tuple[type[Exception], ...]:
     """Exceptions whose message alone tells a user what to do."""
-    from rl.learn.env import FaultError
+    from rl.divergence import NotFiniteError
     from rl.learn.policy import CheckpointError
     from rl.learn.runner import DivergedError
     from rl.mission import ControllerError
@@ -236,7 +236,7 @@ def user_errors() -> tuple[type[Exception], ...]:
     from taichi_sim.sea import SteepSeaError
 
     of_files = ConfigError, RunError, CheckpointError, FilmError, BagError, MissingExtraError
-    return *of_files, ControllerError, SteepSeaError, ActionError, DivergedError, FaultError
+    return *of_files, ControllerError, SteepSeaError, ActionError, DivergedError, NotFiniteError
 
 
 def run(main: Callable[[list[str] | None], None], argv: list[str] | None = None) -> int:

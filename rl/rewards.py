@@ -41,24 +41,9 @@ def penalty(happened: Tensor) -> Tensor:
     return -happened.to(torch.get_default_dtype())
 
 
-_noted: dict[str, Tensor] | None = None  # terms of `paid`, while `noted` looks
-
-
-def noted(reward: Callable[[], Tensor]) -> dict[str, Tensor]:
-    """Weighted terms [env, vehicle] that `paid` adds up while `reward` is computed, by name; empty without `paid`."""
-    global _noted
-    found = _noted = {}
-    try:
-        reward()
-    finally:
-        _noted = None
-    return found
-
-
 def paid(terms: Mapping[str, Callable[[T, E, W], Tensor]], weights: W, team: T, ended: E) -> Tensor:
     """Weighted sum of `terms`; a term with weight 0 is not computed."""
-    of = {name: weight for name in terms if (weight := getattr(weights, name))}
-    parts = {name: weight * terms[name](team, ended, weights) for name, weight in of.items()}
-    if _noted is not None:
-        _noted.update(parts)
-    return sum(parts.values(), team.fleet.state.new_zeros(team.fleet.never.shape))
+    parts = [
+        getattr(weights, name) * term(team, ended, weights) for name, term in terms.items() if getattr(weights, name)
+    ]
+    return sum(parts, team.fleet.state.new_zeros(team.fleet.never.shape))

@@ -4,7 +4,7 @@ policy. Further teams may learn in the same environments, as `Companion`s.
 
 import time
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, NamedTuple, NoReturn, TypedDict
+from typing import TYPE_CHECKING, NamedTuple, TypedDict
 
 import torch
 from rsl_rl.env import VecEnv
@@ -13,20 +13,14 @@ from torch import Tensor
 
 from rl.learn.policy import Policy
 from rl.mission import Mission, Step
-from rl.rewards import noted
 from rl.team import Team
 from taichi_sim.arguments import checked_action
-from taichi_sim.config.base import number
 
 if TYPE_CHECKING:
     from rl.learn.runner import StageRunner
 
 Watch = Callable[[Mission, Step, Mapping[str, Mapping[str, Tensor]]], None]
 """Called after each step and before the resets: the mission, the step, and the logs of each learning team."""
-
-
-class FaultError(RuntimeError):
-    """A mission or a vehicle has given an observation or a reward that is not finite."""
 
 
 class Extras(TypedDict):
@@ -129,42 +123,14 @@ class MissionEnv(VecEnv):
         done_env = step.terminated | step.truncated
         time_outs = done_env.unsqueeze(1) & ~step.endings[self.team].any
         reward = step.reward[self.team]
-        if not reward.isfinite().all():
-            self._blame("reward", reward, noted(lambda: mission.reward(own, step.endings[self.team])))
         log = {f"/{key}": value.float() for key, value in mission.log(own, step).items()}
         extras: Extras = {"time_outs": time_outs.flatten().float(), "log": {"/reward": reward.mean(), **log}}
         return LearnerStep(self.scale * reward.flatten(), done_env.repeat_interleave(self.vehicles).long(), extras)
 
     def observe(self) -> None:
-        """Update the team's observations.
-
-        Raises:
-            FaultError: if one is not finite.
-        """
+        """Update the team's observations."""
         own = self.mission.teams[self.team]
         self._observations, self._truth = own.observe(), own.privileged
-        if not self._observations.isfinite().all():
-            self._blame("observation", self._observations, own.terms())
-        if self._truth is not None and not self._truth.isfinite().all():
-            self._blame("privileged information", self._truth, {})
-
-    def _blame(self, what: str, values: Tensor, terms: Mapping[str, Tensor]) -> NoReturn:
-        """Name the environment, the vehicle and the term whose `values` [env, vehicle, ...] are not finite."""
-        wrong = ~values.isfinite().view(*values.shape[:2], -1).all(-1)
-        env, vehicle = wrong.nonzero()[0].tolist()
-        named = [name for name, value in terms.items() if not value[env, vehicle].isfinite().all()]
-        term = f", in {' and '.join(map(repr, named))}," if named else ""
-        where = f"{what} of {self.team}{vehicle}{term} in environment {env}"
-        also = f" (and of {number(int(wrong.sum()) - 1, 'other vehicle')})" if wrong.sum() > 1 else ""
-        broken = [name for name, team in self.mission.teams.items() if not team.fleet.state[env].isfinite().all()]
-        kind = type(self.mission)
-        fault = (
-            f"the state of {' and '.join(broken)} is not finite there: a fault of the vehicle's file or of a dt too "
-            "long for it, which its mission does not keep from others"
-            if broken
-            else f"all states there are finite: a fault of the mission {kind.__module__}:{kind.__qualname__}"
-        )
-        raise FaultError(f"the {where} is not finite{also}, and {fault}. A smaller learning rate would not help")
 
 
 class Companion:

@@ -9,7 +9,7 @@ from rsl_rl.runners import OnPolicyRunner
 from tqdm import tqdm
 
 from rl import processes
-from rl.learn.env import FaultError, MissionEnv
+from rl.learn.env import MissionEnv
 from rl.learn.improvement import PlannedImprovement
 from rl.learn.policy import (
     OBS_GROUPS,
@@ -33,7 +33,6 @@ def ppo_config(stage: StageConfig, privileged: bool = False) -> dict[str, object
         "class_name": "OnPolicyRunner",
         "num_steps_per_env": stage.steps_per_iteration,
         "save_interval": stage.checkpoint_interval,
-        "check_for_nan": False,  # MissionEnv does, and names the term
         "obs_groups": OBS_GROUPS | ({"critic": ["policy", "truth"]} if privileged else {}),
         "actor": network,
         "critic": critic,
@@ -146,7 +145,7 @@ class StageRunner(OnPolicyRunner):
                 self.save("")
             raise
         except (ValueError, RuntimeError) as error:
-            if isinstance(error, DivergedError | FaultError) or (isinstance(error, RuntimeError) and self.is_finite()):
+            if isinstance(error, DivergedError) or (isinstance(error, RuntimeError) and self.is_finite()):
                 raise
             raise DivergedError(f"{self.folder}: {DIVERGED} {logger.completed} ({error})") from None
         finally:
