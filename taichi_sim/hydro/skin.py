@@ -140,7 +140,7 @@ class _Border(NamedTuple):
     def holds(self, ends: Array) -> NDArray[np.bool_]:
         """Whether edges [n, 2, 3] lie in the water's surface or in a plane of symmetry."""
         bare = [ends[..., Z] > -self.tiny, *(np.abs(ends[..., axis]) < self.tiny for axis in self.planes)]
-        return np.stack(bare).all(axis=2).any(axis=0)
+        return np.asarray(np.stack(bare).all(axis=2).any(axis=0))
 
 
 class _Sheet(NamedTuple):
