@@ -232,7 +232,7 @@ def test_a_quarter_is_completed_about_its_own_planes(tmp_path):
 
 def brick(x, y, z=(-0.3, 0.3), n=(8, 4, 3), without=()) -> np.ndarray:
     """Panels of a box between two x, y and z, divided n times, without some sides ("-x", "+y" ...)."""
-    at = [np.linspace(*ends, count + 1) for ends, count in zip((x, y, z), n, strict=True)]
+    at = [np.linspace(low, high, count + 1) for (low, high), count in zip((x, y, z), n, strict=True)]
     found = []
     for axis in range(3):
         u, v = [a for a in range(3) if a != axis]
@@ -277,7 +277,7 @@ WELL = np.concatenate([HULL[OUTSIDE], reverse(brick((-0.5, 0.5), (-0.3, 0.3), n=
         (brick(X, Y, without=("+z",)), 1.44),
         (reverse(HULL), 1.44),
         (brick(X, (0.0, 0.6), without=("-y",)), 1.44),
-        (brick(X, (-0.6, 0.0), without=("+y",)), 1.44),
+        (brick(X, (-0.6, 0.0), without=("+y",)) + [0.0, 1e-5, 0.0], 1.44),
         (np.concatenate([brick(X, Y, without=("-z",)), bottom(-0.3)]), 1.44),
         (TWIN, 0.96),
         (np.concatenate([TWIN, brick((-1, 1), (-0.9, 0.9), (0.25, 0.4))]), 0.96),
@@ -288,8 +288,8 @@ WELL = np.concatenate([HULL[OUTSIDE], reverse(brick((-0.5, 0.5), (-0.3, 0.3), n=
 def test_one_skin_about_the_centreplane_passes(tmp_path, panels, volume):
     """Boxes of draught 0.3: volume is area times draught, KB half of it, whatever stands above the water."""
     found = hulls.read_mesh(stl(tmp_path, panels), "m", 0.0, None, None)
-    assert found.volume == pytest.approx(volume, rel=1e-5) and found.planes == (1,)
-    assert found.waterplane["A"] == pytest.approx(volume / 0.3, rel=1e-5)
+    assert found.volume == pytest.approx(volume, rel=1e-4) and found.planes == (1,)
+    assert found.waterplane["A"] == pytest.approx(volume / 0.3, rel=1e-4)
     assert found.centre_of_buoyancy == pytest.approx([0.0, 0.0, -0.15], abs=1e-6)
 
 
@@ -358,12 +358,24 @@ def test_offsets_that_are_not_the_meshs_hull_are_refused(tmp_path):
     one = (1, 1, 1)
     parts = [brick(X, Y, n=one), *(brick((-1, 1), y, (-0.1, 0.3), one) for y in ((0.9, 1.1), (-1.1, -0.9)))]
     surface = hulls.read_mesh(stl(tmp_path, np.concatenate(parts)), "m", 0.0, None, None)
-    craft = hulls.of_mesh(surface, "trimaran", None, None, None, (4, 3, 0.3))
+    craft = hulls.of_mesh(surface, "trimaran", None, None, None, (2, 2, 0.3))
     wishes = Wishes(RHO, G, np.inf, 100, 0, None, True, "direct", Spectrum(None, None, (), None), 1, True)
     with pytest.raises(ConfigError, match="not the mesh's hull: waterplane Ixx, m.4: .*give this mesh as --mesh"):
         run(craft, surface, wishes, "", "")
     with pytest.raises(ConfigError, match="no table of offsets can be made"):
-        hulls.of_mesh(hulls.read_mesh(stl(tmp_path, WELL), "m", 0.0, None, None), "well", None, None, None, (9, 3, 0.3))
+        hulls.of_mesh(hulls.read_mesh(stl(tmp_path, WELL), "m", 0.0, None, None), "well", None, None, None, (3, 2, 0.3))
+
+
+def test_bow_and_stern_exchanged_are_found_by_the_centre_of_buoyancy(tmp_path):
+    """A box whose bottom rises towards the bow from 0.3 to 0.1 m: LCB = -1/3 m."""
+    wedge = brick(X, Y, n=(1, 1, 1))
+    wedge[..., 2] = np.where((wedge[..., 0] > 0) & (wedge[..., 2] < 0), -0.1, wedge[..., 2])
+    ahead, astern = (hulls.read_mesh(stl(tmp_path, p), "m", 0.0, None, None) for p in (wedge, wedge * [-1.0, 1.0, 1.0]))
+    assert ahead.centre_of_buoyancy[0] == pytest.approx(-astern.centre_of_buoyancy[0]) == pytest.approx(-1 / 3)
+    craft = hulls.of_mesh(ahead, "wedge", None, None, None, (2, 2, 0.3))
+    wishes = Wishes(RHO, G, np.inf, 100, 0, None, True, "direct", Spectrum(None, None, (), None), 1, True)
+    with pytest.raises(ConfigError, match="LCB.*are bow and stern exchanged"):
+        run(dataclasses.replace(craft, shape=None), astern, wishes, "", "")
 
 
 def test_normals_are_mended(tmp_path, capsys):

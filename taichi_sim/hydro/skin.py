@@ -72,7 +72,7 @@ def checked(mesh: Polygons, name: str, length: float | None) -> WettedSurface:
     wet = _unfolded(wet, mesh.planes, size, name)
     for axis in mesh.planes:
         _check_half(wet, axis, size, name)
-        wet = wet if wet[..., axis].max() > DRY * size else mirrored(wet, axis)
+        wet = _flush(wet if wet[..., axis].max() > DRY * size else mirrored(wet, axis), axis, DRY * size)
         print(f"{name}: a half hull, completed by its mirror image in {'xyz'[axis]} = 0")
     sheet = _joined(wet, _Border(mesh.planes, MERGE * size), size, name)
     planes = mesh.planes
@@ -80,7 +80,8 @@ def checked(mesh: Polygons, name: str, length: float | None) -> WettedSurface:
         word = "port" if side > 0 else "starboard"
         print(f"{name}: a {word} half, open along y = 0; completed by its mirror image")
         planes = (1, *planes)
-        wet = _unfolded(wet if side > 0 else mirrored(wet, Y), planes, size, name)
+        wet = _flush(wet if side > 0 else mirrored(wet, Y), Y, DRY * size)
+        wet = _unfolded(wet, planes, size, name)
         sheet = _joined(wet, _Border(planes, MERGE * size), size, name)
     _check_edges(sheet, panels, name, size)
     wet, part = _outward(sheet, name)
@@ -124,6 +125,12 @@ def _check_half(wet: Array, axis: int, size: float, name: str) -> None:
         raise ConfigError(f"{declared} has {flat.sum()} panels in that plane: delete them, they are inside the hull")
 
 
+def _flush(panels: Array, axis: int, tiny: float) -> Array:
+    """Move corners within `tiny` of a plane of symmetry into it."""
+    near = (np.abs(panels[..., axis]) < tiny)[..., None] & (np.arange(3) == axis)
+    return np.where(near, 0.0, panels)
+
+
 class _Border(NamedTuple):
     """Where edges may be open."""
 
@@ -132,10 +139,8 @@ class _Border(NamedTuple):
 
     def holds(self, ends: Array) -> NDArray[np.bool_]:
         """Whether edges [n, 2, 3] lie in the water's surface or in a plane of symmetry."""
-        found = (ends[..., Z] > -self.tiny).all(axis=1)
-        for axis in self.planes:
-            found |= (np.abs(ends[..., axis]) < self.tiny).all(axis=1)
-        return found
+        bare = [ends[..., Z] > -self.tiny, *(np.abs(ends[..., axis]) < self.tiny for axis in self.planes)]
+        return np.asarray(np.stack(bare).all(axis=2).any(axis=0))
 
 
 class _Sheet(NamedTuple):

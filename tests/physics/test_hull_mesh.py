@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from taichi_sim.usv.hull.mesh import BoxHull, TwinPontoons, WigleyHull, mesh
+from taichi_sim.usv.hull.mesh import BoxHull, StationsHull, TwinPontoons, WigleyHull, mesh
 
 VEE = TwinPontoons(
     y=0.4, freeboard=0.12, stations=((-1.0, 0.4, 0.17), (-0.5, 0.3, 0.15), (0.5, 0.3, 0.24), (1.0, 0.0, 0.3))
@@ -94,3 +94,23 @@ def test_impossible_pontoons_are_refused(change, word):
     TwinPontoons(**good)
     with pytest.raises(ValidationError, match=word):
         TwinPontoons(**(good | change))
+
+
+KEEL, BILGE, SIDE, DECK = (0.0, 0.3), (0.5, 0.3), (0.6, 0.0), (0.6, -0.2)
+INNER = ((0.2, -0.1), (0.25, 0.0), (0.4, 0.3), (0.55, 0.0), (0.6, -0.1))
+
+
+@pytest.mark.parametrize(
+    "section",
+    [
+        (KEEL, SIDE, BILGE, DECK, (0.3, -0.2)),  # out of order
+        (KEEL, (0.6, -0.1), (0.2, 0.4), DECK),
+        tuple((y, -z) for y, z in (KEEL, BILGE, SIDE, DECK)),  # z up
+        INNER[::-1],
+    ],
+)
+def test_sections_that_cross_themselves_or_run_backwards_are_refused(section):
+    StationsHull(stations=((-1.0, (KEEL, BILGE, SIDE, DECK)), (1.0, (KEEL, BILGE, SIDE, DECK))))
+    StationsHull(stations=((-1.0, INNER), (1.0, INNER)))
+    with pytest.raises(ValidationError, match="crosses itself or runs backwards"):
+        StationsHull(stations=((-1.0, section), (1.0, section)))

@@ -120,7 +120,27 @@ class StationsHull(Strict):
                 "the first points must lie on the centreline (y = 0), or, of twin hulls, on the inner deck edge, as "
                 "high as the outer one"
             )
+        for station, section in zip(x, self.points[..., 1:], strict=True):
+            ring = np.concatenate([section, [[section[0, 0], deck[0]]]])
+            (y0, z0), (y1, z1) = ring.T, np.roll(ring, -1, axis=0).T
+            area = float(np.sum(y1 * z0 - y0 * z1)) / 2
+            if area < -DECK_STEP or _crosses(section):
+                raise ValueError(
+                    f"the section at x = {station:g} crosses itself or runs backwards: points run from the keel (of "
+                    "twin hulls: from the inner deck edge around the keel) to the deck edge, with z down"
+                )
         return self
+
+
+def _crosses(line: Array) -> bool:
+    """Whether a line of points [n, 2] crosses itself; one that touches itself does not."""
+    a, b = line[:-1], line[1:]
+
+    def side(p: Array, q: Array, at: Array) -> Array:
+        return np.sign((q - p)[..., 0] * (at - p)[..., 1] - (q - p)[..., 1] * (at - p)[..., 0])
+
+    c, d = a[:, None], b[:, None]
+    return bool(((side(a, b, c) * side(a, b, d) < 0) & (side(c, d, a) * side(c, d, b) < 0)).any())
 
 
 HullShape = Annotated[BoxHull | WigleyHull | TwinPontoons | StationsHull, Field(discriminator="shape")]
