@@ -167,3 +167,24 @@ def test_a_heading_that_nobody_measured_is_told(log, model, tmp_path):
     for name, told in (("heading", "no heading"), ("yaw_rate", "no yaw rate")):
         with pytest.raises(LogError, match=told):
             read_log(table(tmp_path / "bad.csv", log, change=lambda k, row, name=name: row | {name: "0.0"}), model)
+
+
+def test_a_wind_that_none_has_is_told(log, model, tmp_path):
+    for wind, told in (
+        ("99,120", "wind_speed = 99 marks"),
+        ("61,120", "allowed are 0 to 60"),
+        ("5,400", "wind_from goes to 400"),
+    ):
+        file = table(tmp_path / "wind.csv", log)
+        lines = file.read_text().splitlines()
+        file.write_text("\n".join([f"{lines[0]},wind_speed,wind_from_deg", f"{lines[1]},{wind}",
+                                   *(f"{line},5,120" for line in lines[2:])]) + "\n")  # fmt: skip
+        with pytest.raises(LogError, match=told):
+            read_log(file, model)
+
+
+def test_an_output_without_pulses_is_no_command(log, model, tmp_path):
+    """Output 2 of `_dataflash` has a width of 0 all the time."""
+    file = _dataflash(tmp_path / "log.bin", log, parameters={"SERVO2_FUNCTION": 26, "SERVO3_FUNCTION": 70})
+    with pytest.raises(LogError, match="RCOU.C2 is 0 all the time: output 2 of helm gives no pulses"):
+        read_log(file, model)

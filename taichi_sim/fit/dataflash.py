@@ -185,6 +185,9 @@ def _actions(
         if not low < middle < high:
             raise LogError(f"{file}: SERVO{n}_MIN, _TRIM, _MAX are {low:g}, {middle:g}, {high:g}: they must increase")
         width = widths[:, n - 1]
+        if not width.any():
+            raise LogError(f"{file}: RCOU.C{n} is 0 all the time: output {n} of {control} gives no pulses (disarmed, "
+                           f"or another output?): name it by --channels {control}=N")  # fmt: skip
         share = np.where(width > middle, (width - middle) / (high - middle), (width - middle) / (middle - low))
         share = np.where(width > 0, share.clip(-1.0, 1.0), 0.0)  # a width of 0 is no output
         shares[control] = -share if (back == 1.0) != (channel < 0) else share
