@@ -88,7 +88,7 @@ def _read(path: Path, stamp: int, blows_from: bool) -> tuple[np.ndarray, np.ndar
     at, one, other = (place for name in ("time", *way) if (place := sheet.find(name)))
     time, dates = sheet.times(at)
     if not dates and len(time) > 1 and np.median(np.diff(time)) < 1.0 and DAYS[0] < time[0] < DAYS[1]:
-        raise sheet.wrong(sheet.line(0), f"{at.title} = {time[0]:g}: days of a spreadsheet? Give s, or 2024-05-01T12:00")
+        raise sheet.wrong(sheet.line(0), f"{at.title} = {time[0]:g}: days of a spreadsheet? Give s, or ISO dates")
     time = time - time[0] if dates else time
     if way != WAYS[0]:
         velocity = np.stack([sheet.numbers(place, "speed") for place in (one, other)], axis=1)
