@@ -238,7 +238,7 @@ def _check_rates(file: Path, t: Array, motion: Array, parts: tuple[slice, ...]) 
     if not len(r):
         return
     turned = max(float(np.ptp(motion[part, HEADING])) for part in whole)
-    swung = max(float(np.ptp(np.cumsum(motion[part, YAW_RATE] * steps))) for part in whole)
+    swung = max(float(np.ptp(np.cumsum((motion[part, YAW_RATE] - r.mean()) * steps))) for part in whole)  # no bias
     if np.ptp(r) == 0 and turned > TURNS:
         raise LogError(f"{file}: yaw_rate is {r[0]:g} all the time, while heading turns by {np.degrees(turned):.0f} "
                        "degrees: there is no yaw rate in this log: give one that was measured")  # fmt: skip
