@@ -28,6 +28,12 @@ def log(model, tmp_path_factory):
     return read_log(file, model)
 
 
+@pytest.fixture(scope="module")
+def thin(log):
+    """Every third sample, for bags, which take long to write."""
+    return log._replace(t=log.t[::3], motion=log.motion[::3], actions=log.actions[::3])
+
+
 def bag(folder, log, *, quaternion=None, stamp=0.0, frame="map", child="boat/base_link", yaw=0.0, rate=None):
     """A bag of the log; `stamp`: of a command less that of the odometry, s, or None for 0; `yaw`: its variance."""
     store = get_typestore(Stores.ROS2_HUMBLE)
@@ -60,12 +66,12 @@ def bag(folder, log, *, quaternion=None, stamp=0.0, frame="map", child="boat/bas
     return folder
 
 
-def test_a_stamp_of_0_is_no_time(log, model, tmp_path):
+def test_a_stamp_of_0_is_no_time(thin, model, tmp_path):
     """Commands hold from when they were recorded, as where they are stamped."""
-    found = read_log(bag(tmp_path / "zero", log, stamp=None), model)
-    np.testing.assert_array_equal(found.actions, log.actions)
+    found = read_log(bag(tmp_path / "zero", thin, stamp=None), model)
+    np.testing.assert_array_equal(found.actions, thin.actions)
     with pytest.raises(LogError, match="of two clocks"):
-        read_log(bag(tmp_path / "clocks", log, stamp=5.0 - EPOCH), model)
+        read_log(bag(tmp_path / "clocks", thin, stamp=5.0 - EPOCH), model)
 
 
 @pytest.mark.parametrize(
@@ -82,9 +88,9 @@ def test_a_stamp_of_0_is_no_time(log, model, tmp_path):
         ({"child": "boat/base_link_frd"}, "frame 'boat/base_link_frd'"),
     ],
 )
-def test_what_odometry_lacks_is_not_made_up(wrong, told, log, model, tmp_path):
+def test_what_odometry_lacks_is_not_made_up(wrong, told, thin, model, tmp_path):
     with pytest.raises(LogError, match=told):
-        read_log(bag(tmp_path / "bag", log, **wrong), model)
+        read_log(bag(tmp_path / "bag", thin, **wrong), model)
 
 
 def test_the_primary_lane_is_read_where_it_has_a_position(log, model, tmp_path):
@@ -167,3 +173,24 @@ def test_a_heading_that_nobody_measured_is_told(log, model, tmp_path):
     for name, told in (("heading", "no heading"), ("yaw_rate", "no yaw rate")):
         with pytest.raises(LogError, match=told):
             read_log(table(tmp_path / "bad.csv", log, change=lambda k, row, name=name: row | {name: "0.0"}), model)
+
+
+def test_a_wind_that_none_has_is_told(log, model, tmp_path):
+    for wind, told in (
+        ("99,120", "wind_speed = 99 marks"),
+        ("61,120", "allowed are 0 to 60"),
+        ("5,400", "wind_from goes to 400"),
+    ):
+        file = table(tmp_path / "wind.csv", log)
+        lines = file.read_text().splitlines()
+        file.write_text("\n".join([f"{lines[0]},wind_speed,wind_from_deg", f"{lines[1]},{wind}",
+                                   *(f"{line},5,120" for line in lines[2:])]) + "\n")  # fmt: skip
+        with pytest.raises(LogError, match=told):
+            read_log(file, model)
+
+
+def test_an_output_without_pulses_is_no_command(log, model, tmp_path):
+    """Output 2 of `_dataflash` has a width of 0 all the time."""
+    file = _dataflash(tmp_path / "log.bin", log, parameters={"SERVO2_FUNCTION": 26, "SERVO3_FUNCTION": 70})
+    with pytest.raises(LogError, match="RCOU.C2 is 0 all the time: output 2 of helm gives no pulses"):
+        read_log(file, model)

@@ -8,7 +8,7 @@ Series (config/series.py), logs (fit/log.py) and Spotter's CSV (sea/measured/spo
     times       numbers, or dates and times of ISO 8601; without an offset they are UTC, never the machine's time zone
     numbers     finite; a row that is cut short or too long is refused, and so is a value that only marks a missing one
 
-A row that lacks a value is refused by its line: leave it out, for what reads a table knows what lies between two rows.
+A row that lacks a value is refused by its line. Leave it out: readers interpolate between two rows.
 """
 
 import csv
@@ -31,7 +31,6 @@ KNOT = 1852 / 3600  # m/s
 TURN = 360.0  # deg
 UNIX = 1e8  # s; from here on (three years) a number is no time of a world, but seconds since 1970
 LATEST = 1e10  # s; from here on (the year 2286) a number is no second since 1970, but a millisecond
-DAYS = (30_000.0, 800_000.0)  # between these lie days since 1900 or since the year 0, as spreadsheets and MATLAB count
 MISSING = np.array(
     [9.99, 99, 99.9, 99.99, 999, 999.9, 999.99, 9999, 9999.9, 99999, 6999, 7999, 32767, 32768]
 )  # with either sign, marks of a missing value: NDBC, ISD, Campbell's loggers, 16 bits
@@ -156,10 +155,6 @@ class Sheet:
             if abs(values[k]) >= LATEST:
                 raise self.wrong(line, f"{place.title} = {text}: no time in s. Milliseconds are told in the header: "
                                  "time [ms]; dates are 2024-05-01T12:00")  # fmt: skip
-        if not place.unit and not dates and len(values) > 1 and np.median(np.diff(values)) < 1.0 \
-                and DAYS[0] < values[0] < DAYS[1]:  # fmt: skip
-            raise self.wrong(self.line(0), f"{place.title} = {values[0]:g}: days of a spreadsheet? Give seconds, or "
-                             "dates as 2024-05-01T12:00")  # fmt: skip
         return values, bool(dates) or (len(values) > 0 and values[0] >= UNIX)
 
     def _cells(self, place: Place) -> Iterable[tuple[int, str]]:

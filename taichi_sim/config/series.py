@@ -24,6 +24,7 @@ from taichi_sim.config.columns import TURN, Sheet
 from taichi_sim.kernels import runtime
 
 WAYS = (("speed", "direction_deg"), ("north", "east"))
+DAYS = (30_000.0, 800_000.0)  # between these lie days since 1900 or since the year 0, as spreadsheets and MATLAB count
 FASTEST_WIND, FASTEST_CURRENT = 60.0, 10.0  # m/s; assumed, a series with a higher speed is refused
 
 
@@ -86,6 +87,8 @@ def _read(path: Path, stamp: int, blows_from: bool) -> tuple[np.ndarray, np.ndar
         raise ConfigError(f"{path}: there is no row under the header")
     at, one, other = (place for name in ("time", *way) if (place := sheet.find(name)))
     time, dates = sheet.times(at)
+    if not dates and len(time) > 1 and np.median(np.diff(time)) < 1.0 and DAYS[0] < time[0] < DAYS[1]:
+        raise sheet.wrong(sheet.line(0), f"{at.title} = {time[0]:g}: days of a spreadsheet? Give s, or ISO dates")
     time = time - time[0] if dates else time
     if way != WAYS[0]:
         velocity = np.stack([sheet.numbers(place, "speed") for place in (one, other)], axis=1)

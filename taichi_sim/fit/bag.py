@@ -9,7 +9,7 @@ What a message has is not always a value:
 
 | in the message | means |
 |---|---|
-| header.stamp 0 | no time: then times of recording hold for all topics, as where a topic has no headers |
+| header.stamp 0, or the same one all the time | no time: times of recording hold for all topics, as without headers |
 | orientation (0, 0, 0, 0), not of length 1, or upside down; a yaw variance of -1 or above a turn | no orientation |
 | pose.covariance[0] of -1 | no position |
 | frame ids that name NED or FRD, as MAVROS has them | other axes than these |
@@ -84,7 +84,7 @@ def _table(path: Path, bag: "AnyReader", action_names: tuple[str, ...], source: 
             raise LogError(f"{path}: {topic} has no messages")
         if len(messages) != counts[topic]:
             raise LogError(f"{path}: damaged or cut: it has {len(messages)} of {counts[topic]} messages of {topic}")
-    clocks = _clocks(path, read)
+    clocks = _clocks(path, read, odom)
     t, poses = clocks[odom], read[odom][1]
     columns: dict[str, Array] = dict(zip(CHANNELS, _motion(path, odom, poses), strict=True))
     begin = t[0]
@@ -133,23 +133,25 @@ def _messages(bag: "AnyReader", topic: str) -> tuple[Array, list[Any]]:
     return np.array([stamp for stamp, _ in found]), [message for _, message in found]
 
 
-def _clocks(path: Path, read: Mapping[str, tuple[Array, list[Any]]]) -> dict[str, Array]:
+def _clocks(path: Path, read: Mapping[str, tuple[Array, list[Any]]], odom: str) -> dict[str, Array]:
     """Times of each topic's messages, s: the headers' stamps, if all have one, else when they were recorded.
 
     Raises:
         LogError: for stamps of two clocks.
     """
+    recorded = {topic: received for topic, (received, _) in read.items()}
     stamps = {
         topic: np.array([m.header.stamp.sec + NS * m.header.stamp.nanosec for m in messages])
         for topic, (_, messages) in read.items() if all(hasattr(m, "header") for m in messages)
     }  # fmt: skip
-    if len(stamps) < len(read) or any((at == 0).any() for at in stamps.values()):
-        return {topic: received for topic, (received, _) in read.items()}
-    late = {topic: float(np.median(read[topic][0] - at)) for topic, at in stamps.items()}
-    first, last = min(late, key=late.__getitem__), max(late, key=late.__getitem__)
-    if late[last] - late[first] > ONE_CLOCK:
-        raise LogError(f"{path}: stamps of {first} and {last} are of two clocks: {late[first]:.1f} and "
-                       f"{late[last]:.1f} s before the times of recording (use_sim_time?)")  # fmt: skip
+    frozen = [topic for topic, at in stamps.items() if np.ptp(at) == 0 and np.ptp(recorded[topic]) > ONE_CLOCK]
+    if len(stamps) < len(read) or frozen or any((at == 0).any() for at in stamps.values()):
+        return recorded
+    for topic, at in stamps.items():
+        then = np.interp(recorded[topic], recorded[odom], stamps[odom])  # stamps of odometry that is recorded with it
+        if abs(apart := float(np.median(at - then))) > ONE_CLOCK:
+            raise LogError(f"{path}: stamps of {topic} and {odom} are of two clocks: messages that were recorded "
+                           f"at the same time are {apart:.1f} s apart (use_sim_time?)")  # fmt: skip
     return stamps
 
 

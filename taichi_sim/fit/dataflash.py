@@ -33,6 +33,7 @@ from taichi_sim.sitl.channels import default_channels, read_channels
 from taichi_sim.vehicle import Vehicle
 
 INTERVAL = 0.1  # s; assumed, enough for a vessel
+LONGEST = 1e6  # s; assumed, no log lasts for twelve days
 FUNCTIONS = {"ahead": 70, "helm": 26, "left": 73, "right": 74}  # SERVOn_FUNCTION of a control
 OUTPUTS = tuple(f"C{n}" for n in range(1, 15))
 WIDTHS = {"MIN": 1000.0, "TRIM": 1500.0, "MAX": 2000.0, "REVERSED": 0.0}  # assumed where PARM does not say
@@ -76,6 +77,8 @@ def read_dataflash(file: Path, model: Vehicle, source: Source) -> Table:
     place, t_place = _columns(file, "XKF1", places, ("PN", "PE", "Yaw"))
     gyro, t_gyro = _columns(file, "IMU", gyros, ("GyrZ",))
     widths, t_widths = _columns(file, "RCOU", found["RCOU"], [c for c in OUTPUTS if hasattr(found["RCOU"][0], c)])
+    if t_place[-1] - t_place[0] > LONGEST:
+        raise LogError(f"{file}: XKF1 goes from {t_place[0]:g} to {t_place[-1]:g} s: a damaged time, or several logs?")
     t = t_place[0] + INTERVAL * np.arange(int((t_place[-1] - t_place[0]) / INTERVAL + CLOCK) + 1)
     t = t[np.all([_covered(clock, t) for clock in (t_place, t_gyro, t_widths)], axis=0)]
     for before, after in changes:  # between two lanes there is no position
@@ -129,16 +132,18 @@ def _primary(
 
 def _warn_of_damage(file: Path, log: Any) -> None:
     """Warn of bytes that belong to no message: in the middle, or an end in the middle of a message."""
-    sizes = {number: layout.len for number, layout in log.formats.items()}
-    spans = sorted((at, at + sizes[number]) for number, found in enumerate(log.offsets) for at in found)
-    whole = [span for span in spans if span[1] <= log.data_len]
-    lost = [(a, b) for (_, a), (b, _) in pairwise(whole) if b > a]
-    end = whole[-1][1] if whole else 0
-    if lost:
-        warnings.warn(f"{file}: damaged: {sum(b - a for a, b in lost)} bytes are no messages, the first at byte "
-                      f"{lost[0][0]}: what they held is left out", stacklevel=2)  # fmt: skip
-    if end < log.data_len:
-        warnings.warn(f"{file}: cut: its last {log.data_len - end} bytes are no whole message", stacklevel=2)
+    found = [(np.asarray(at, dtype=np.int64), log.formats[number].len)
+             for number, at in enumerate(log.offsets) if len(at) and number in log.formats]  # fmt: skip
+    begin, end = np.concatenate([at for at, _ in found]), np.concatenate([at + size for at, size in found])
+    order = np.argsort(begin)
+    begin, end = begin[order], end[order]
+    begin, end = begin[end <= log.data_len], end[end <= log.data_len]
+    lost = begin[1:] - end[:-1]
+    if (lost > 0).any():
+        warnings.warn(f"{file}: damaged: {lost[lost > 0].sum()} bytes are no messages, the first at byte "
+                      f"{end[:-1][lost > 0][0]}: what they held is left out", stacklevel=2)  # fmt: skip
+    if (rest := log.data_len - (int(end[-1]) if end.size else 0)) > 0:
+        warnings.warn(f"{file}: cut: its last {rest} bytes are no whole message", stacklevel=2)
 
 
 def _columns(file: Path, name: str, messages: list[Any], fields: tuple[str, ...] | list[str]) -> tuple[Array, Array]:
@@ -192,6 +197,9 @@ def _actions(
         if not low < middle < high:
             raise LogError(f"{file}: SERVO{n}_MIN, _TRIM, _MAX are {low:g}, {middle:g}, {high:g}: they must increase")
         width = widths[:, n - 1]
+        if not width.any():
+            raise LogError(f"{file}: RCOU.C{n} is 0 all the time: output {n} of {control} gives no pulses (disarmed, "
+                           f"or another output?): name it by --channels {control}=N")  # fmt: skip
         share = np.where(width > middle, (width - middle) / (high - middle), (width - middle) / (middle - low))
         share = np.where(width > 0, share.clip(-1.0, 1.0), 0.0)  # a width of 0 is no output
         shares[control] = -share if (back == 1.0) != (channel < 0) else share

@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from taichi_sim.config.columns import LATEST, Sheet
+from taichi_sim.config.columns import LATEST, TURN, Sheet
+from taichi_sim.config.series import FASTEST_WIND
 from taichi_sim.fit.bag import read_bag
 from taichi_sim.fit.dataflash import read_dataflash
 from taichi_sim.fit.samples import Mask, inspected
@@ -144,8 +145,11 @@ def _checked(file: Path, table: Table, action_names: Sequence[str]) -> Log:
     wind = None
     if "wind_speed" in columns:
         speed, origin = columns["wind_speed"], columns["wind_from"]
-        if (speed < 0).any():
-            raise LogError(f"{file}: wind_speed goes to {speed.min():g}: it must not be negative")
+        if (speed < 0).any() or (speed > FASTEST_WIND).any():
+            raise LogError(f"{file}: wind_speed goes from {speed.min():g} to {speed.max():g}: allowed are 0 to "
+                           f"{FASTEST_WIND:g} m/s")  # fmt: skip
+        if (worst := np.degrees(np.abs(origin).max())) > TURN + 1e-6:
+            raise LogError(f"{file}: wind_from goes to {worst:g} degrees: allowed are -360 to 360")
         wind = -speed[:, None] * np.stack((np.cos(origin), np.sin(origin)), axis=1)
     return Log(file.name, t, motion, actions, parts, _digest(file), new, notes, wind)
 
@@ -178,7 +182,7 @@ def _read_csv(file: Path, action_names: Sequence[str], where: Mapping[str, Colum
             raise LogError(f"{file}: no column {name}{also}; it has {', '.join(sheet.header)}")
         if name == "t" and factor == 1.0:
             return sheet.times(place)[0]
-        values = factor * sheet.numbers(place, QUANTITIES.get(found, "number"))
+        values = factor * sheet.numbers(place, QUANTITIES.get(found, "number") if factor == 1.0 else "")
         return np.radians(values) if found.endswith("_deg") else values
 
     columns = {name: column(name) for name in ("t", *CHANNELS, *action_names)}
@@ -237,7 +241,7 @@ def _check_rates(file: Path, t: Array, motion: Array, parts: tuple[slice, ...]) 
     if not len(r):
         return
     turned = max(float(np.ptp(motion[part, HEADING])) for part in whole)
-    swung = max(float(np.ptp(np.cumsum(motion[part, YAW_RATE] * steps))) for part in whole)
+    swung = max(float(np.ptp(np.cumsum((motion[part, YAW_RATE] - r.mean()) * steps))) for part in whole)  # no bias
     if np.ptp(r) == 0 and turned > TURNS:
         raise LogError(f"{file}: yaw_rate is {r[0]:g} all the time, while heading turns by {np.degrees(turned):.0f} "
                        "degrees: there is no yaw rate in this log: give one that was measured")  # fmt: skip

@@ -150,7 +150,7 @@ def test_a_spotters_bands_are_as_wide_as_it_states(tmp_path):
         ({"a1": np.full(39, 9.99), "direction": None}, "first moment of the directions is"),
         ({"df": np.zeros(39)}, "widths of its bands must be above 0"),
         ({"varianceDensity": np.ones(38)}, "cut short|38 columns"),
-        ({"timestamp": "2022-05-01T00:00:00Z"}, "2022-05-01 00:00 is there twice"),
+        ({"timestamp": "2022-05-01T00:00:00Z"}, "2022-05-01 00:00 is there twice, and differs"),
         ({"varianceDensity": np.where(np.arange(39) == 7, -9999.0, 0.1)}, "has no density at 0.09766"),
         ({"varianceDensity": [None] * 39}, "has no spectrum"),
     ],

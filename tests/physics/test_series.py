@@ -170,6 +170,11 @@ def test_what_marks_a_missing_value_is_none(tmp_path, row, part):
     assert "series.csv, line 3" in str(caught.value)
 
 
+def test_days_of_a_spreadsheet_are_no_seconds(tmp_path):
+    with pytest.raises(ConfigError, match="line 2: time = 45413: days of a spreadsheet"):
+        read_series(file(tmp_path, "time,north,east\n45413,1,0\n45413.0417,1,0\n"))
+
+
 def test_a_mark_that_its_neighbours_approach_is_a_value():
     """A boat passes 99 m and 999 m from its start; a wind of 9.99 m/s follows one of 9.5."""
     for values in ([98.0, 99.0, 100.0], [9.5, 9.99, 3.0], [0.0, 600.0, 999.0], [-31000.0, -32768.0]):

@@ -111,8 +111,11 @@ def checked(path: Path, data: Gridded) -> tuple[Gridded, np.ndarray]:
         raise ConfigError(f"{path}: record {int(np.isnat(data.times).argmax()) + 1} has no time")
     order = np.argsort(data.times, kind="stable")
     times = data.times[order]
-    if (same := times[1:] == times[:-1]).any():
-        raise ConfigError(f"{path}: the record of {str(times[1:][same][0]).replace('T', ' ')} is there twice")
+    again = np.flatnonzero(times[1:] == times[:-1]) + 1
+    for k in again:
+        if not np.array_equal(data.density[order[k]], data.density[order[k - 1]], equal_nan=True):
+            raise ConfigError(f"{path}: the record of {str(times[k]).replace('T', ' ')} is there twice, and differs")
+    order, times = np.delete(order, again), np.delete(times, again)
     if data.frequency.size < 2 or not (np.diff(data.frequency) > 0).all() or not 0 < data.frequency[0] < np.inf \
             or not np.isfinite(data.frequency[-1]):  # fmt: skip
         raise ConfigError(

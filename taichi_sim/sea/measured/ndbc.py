@@ -73,12 +73,15 @@ def read_ndbc(path: Path) -> Gridded:
     density = read_part(parts.get("density", path))
     if "density" not in parts and parts:
         raise ConfigError(f"{path}: the file of the densities, which every spectrum needs, is not in the same folder")
-    given = {kind: _aligned(kind, read_part(file), density, file) for kind, file in parts.items() if kind != "density"}
+    first = parts.get("density", path)
+    given = {
+        kind: _aligned(kind, read_part(file), density, file, first) for kind, file in parts.items() if kind != "density"
+    }
     nothing = np.full(density.values.shape, np.nan)
     alpha1, r1, alpha2, r2 = (given.get(kind, nothing) for kind in ("alpha1", "r1", "alpha2", "r2"))
-    first, second = (np.deg2rad(alpha + 180.0) for alpha in (alpha1, alpha2))  # from -> to
+    to_first, to_second = (np.deg2rad(alpha + 180.0) for alpha in (alpha1, alpha2))  # from -> to
     values = with_cut_off_returned(density.values, density.digit, bands(density.frequency))
-    c1, c2 = r1 * np.exp(1j * first), r2 * np.exp(2j * second)
+    c1, c2 = r1 * np.exp(1j * to_first), r2 * np.exp(2j * to_second)
     values, c1, c2 = (x[:, None] for x in (values, c1, c2))
     return Gridded(density.times, [path.name.partition(".")[0]], bands(density.frequency), values, c1=c1, c2=c2)
 
@@ -174,10 +177,11 @@ def _numbers(texts: list[str]) -> Iterator[float]:
         yield value if value < MISSING else np.nan
 
 
-def _aligned(kind: str, part: Part, density: Part, path: Path) -> np.ndarray:
+def _aligned(kind: str, part: Part, density: Part, path: Path, of_density: Path) -> np.ndarray:
     """Values [t, f] of a file at the times of the densities; NaN where the file lacks a time."""
     if part.frequency.shape != density.frequency.shape or not np.allclose(part.frequency, density.frequency):
-        raise ConfigError(f"{path}: its frequencies differ from those in the file of the densities")
+        raise ConfigError(f"{path}: its {part.frequency.size} frequencies differ from the {density.frequency.size} of "
+                          f"{of_density.name}: is one of them cut short?")  # fmt: skip
     values = part.values / 100 if part.hundredths and kind in ("r1", "r2") else part.values
     if (beyond := values > LARGEST[kind]).any():
         t, f = np.argwhere(beyond)[0]

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 MISSING = 998.0  # deg; from here on a direction is missing (NDBC writes 999)
 FIRST, RATIO = 0.03453, 1.1  # Hz; frequencies of ECMWF's spectra
+FAINTEST = 30.0  # of ECMWF's logarithms; larger ones of either sign are marks of missing values
 SEAWATER, GRAVITY = 1025.0, 9.81  # kg/m^3, m/s^2; of SWAN's energy densities (its defaults)
 TIMES, FREQUENCIES = ("time", "valid_time", "waveTime"), ("frequency", "freq", "frequencyNumber", "waveFrequency")
 DIRECTIONS = ("direction", "dir", "directionNumber")
@@ -75,6 +76,7 @@ def _of_a_model(path: Path, data: "Dataset", variable: str) -> Gridded:
     if values.shape[3] < FEWEST_ANGLES:
         raise ConfigError(f"{values.shape[3]} directions: no directional spectrum")
     if variable == "d2fd":
+        values[np.abs(values) > FAINTEST] = np.nan
         values = np.where(
             np.isnan(values).all(axis=(2, 3), keepdims=True), np.nan, np.nan_to_num(10.0**values, nan=0.0)
         )

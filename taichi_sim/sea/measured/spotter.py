@@ -95,7 +95,7 @@ def _of_json(text: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     except (ValueError, TypeError, AttributeError, IndexError, RecursionError) as error:
         raise ConfigError(f"no spectra of a Spotter can be read from it ({error}): is it cut short?") from None
     if not stamps:
-        raise ConfigError("it has no record under frequencyData")
+        raise ConfigError("it has no spectrum under frequencyData: ask the API for it by includeFrequencyData=true")
     return np.array(stamps, dtype="datetime64[m]"), found
 
 
