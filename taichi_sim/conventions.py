@@ -8,6 +8,9 @@
 State of a team: `state[env, vehicle, 13]` =
 position_n (3, m), quaternion_nb (4), velocity_b (3, m/s), angular_velocity_b (3, rad/s).
 
+In f32 a position far from the origin is coarse (6 cm at 1,000 km): `remainder[env, vehicle, 3]` (m) holds what is
+missing (kernels/position.py).
+
 What the sea does to a team: `surface[env, vehicle, 2]` = elevation (m, up, the mean under the hull) and freeboard
 (m, of the lowest corner of the deck above the water; models without a deck leave NO_DECK).
 

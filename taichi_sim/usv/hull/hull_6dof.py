@@ -325,7 +325,7 @@ class Hull6Dof(Vessel):
         if dt not in packs:
             if len(packs) >= KEPT:
                 packs.pop(next(iter(packs)))
-            packs[dt] = runtime.pack(TablesPack, **tables | {"filters": self.radiation.filter_table(dt)})
+            packs[dt] = runtime.pack(TablesPack, **tables, filters=self.radiation.filter_table(dt))
         return packs[dt]
 
     def step(self, fleet: Fleet, around: Surroundings) -> None:
