@@ -108,7 +108,7 @@ class TestTeams:
             with pytest.raises(ActionError, match="actions are"):
                 world.step(wrong)
         assert not acted
-        with pytest.raises(ActionError, match="the script of usv: action 'acceleration' of vehicle 0 .* is nan"):
+        with pytest.raises(ActionError, match="the script of usv: usv action 'acceleration' of vehicle 0 .* is nan"):
             world.step({"uav": np.zeros((3, 1, 3))})
         for path, value in world.snapshot().values.items():
             assert torch.equal(value, before[path]) if isinstance(value, torch.Tensor) else value == before[path], path
