@@ -80,7 +80,7 @@ def checked_action(
     if not math.isfinite(action.sum()) and not (finite := action.isfinite()).all():  # a sum may overflow
         env, number, index = (~finite).nonzero()[0].tolist()
         raise ActionError(
-            f"action {names[index]!r} of {vehicle}{number} in environment {env} is "
+            f"{team} action {names[index]!r} of {vehicle}{number} in environment {env} is "
             f"{action[env, number, index].item()}: actions must be finite"
         )
     return action.clamp(-1.0, 1.0).to(dtype).contiguous()

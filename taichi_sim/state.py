@@ -210,12 +210,7 @@ def _assigned(kind: type) -> frozenset[str]:
 
 
 def walk(root: Any) -> _Walk:
-    """The entries of `root`, which has `num_envs` and a `program`, and the objects that own them.
-
-    Raises:
-        ProgramError: if another Taichi program runs than that of `root`.
-    """
-    root.program.check()
+    """The entries of `root`, which has `num_envs`, and the objects that own them."""
     found = _Walk(root.num_envs)
     found.part(root, type(root).__name__)
     return found
@@ -389,6 +384,7 @@ class Stateful:
     @runtime.torch_at_rest()
     def snapshot(self) -> Snapshot:
         """Copy everything that the environments remember; `restore` continues from there, to the bit."""
+        self.program.check()
         values = {entry.path: _taken(entry.value) for entry in walk(self).entries}
         return Snapshot(VERSION, about(self), self.num_envs, values)
 
@@ -425,6 +421,7 @@ class Stateful:
         Raises:
             StateError: for environments that do not exist, a target that is named twice, or another number of targets.
         """
+        self.program.check()
         source = _envs(source_envs, self.num_envs, "source_envs", twice=True)
         target = _envs(target_envs, self.num_envs, "target_envs")
         if len(source) != len(target):
@@ -450,6 +447,7 @@ class Stateful:
             StateError: for environments that do not exist, `into` of another kind or size, or too little memory; the
                 message says how much.
         """
+        self.program.check()
         rows = _envs(envs, self.num_envs, "envs", twice=True)
         if copies < 1 or not len(rows):
             raise StateError(f"a fork of {len(rows)} environments, {copies} copies each: there is nothing in it")

@@ -91,6 +91,28 @@ class TestTeams:
         world.step(uav)
         assert seen == pytest.approx([0.0, 0.2])
 
+    def test_a_script_does_not_act_before_the_actions_of_others_are_right(self):
+        world, acted = make(teams=("usv", "uav")), []
+
+        class Lost(Script):
+            def __call__(self, of):
+                acted.append(float(of.time[0]))
+                return np.full((3, 1, 2), np.nan)
+
+        world.scripts["usv"] = Lost(world, "usv")
+        before = world.snapshot().values
+        for wrong in (np.full((3, 1, 3), np.inf), np.zeros((3, 3)), [["a"]], None):
+            with pytest.raises(ActionError, match="uav"):
+                world.step({"uav": wrong})
+        for wrong in ({}, None, {"uav": np.zeros((3, 1, 3)), "fish": 0}, np.zeros((3, 1, 3))):
+            with pytest.raises(ActionError, match="actions are"):
+                world.step(wrong)
+        assert not acted
+        with pytest.raises(ActionError, match="the script of usv: usv action 'acceleration' of vehicle 0 .* is nan"):
+            world.step({"uav": np.zeros((3, 1, 3))})
+        for path, value in world.snapshot().values.items():
+            assert torch.equal(value, before[path]) if isinstance(value, torch.Tensor) else value == before[path], path
+
     def test_a_script_is_named_in_the_team_s_section(self, harbour, tmp_path):
         (tmp_path / "my_pilot.py").write_text(
             "import taichi_sim as ts\n"

@@ -64,6 +64,32 @@ def test_the_vessel_does_the_same_whoever_escorts_it():
     torch.testing.assert_close(ways[0][0], ways[2][0])
 
 
+def test_an_action_that_is_refused_moves_no_script_and_no_other_team():
+    """Nor what classical controllers remember: everything that is saved stays as it is."""
+    env = ts.batched_env("escort", 2, teams="uav", others={"usv": "classical"}, overrides=SMALL)
+    env.reset(seed=2)
+    right = torch.zeros(2, env.vehicles["uav"], len(env.action_names["uav"]))
+    env.step({"uav": right})
+    before = env.mission.snapshot().values
+    wrong = right.clone()
+    wrong[1, 2, 0] = torch.nan
+    for given in ({"uav": wrong}, {"uav": right[:, :, :1]}, {}, {"uav": right, "usv": right}):
+        with pytest.raises(ts.ActionError):
+            env.step(given)
+        with pytest.raises(ts.ActionError):
+            env.mission.step(given)
+    after = env.mission.snapshot().values
+    assert after.keys() == before.keys()
+    for path, value in before.items():
+        assert torch.equal(value, after[path]) if isinstance(value, torch.Tensor) else value == after[path], path
+
+
+def test_a_world_without_its_mission_says_what_its_script_needs():
+    with pytest.raises(ConfigError, match=r"vessel\.script: .* 'escort'.*ts\.batched_env.*without 'vessel'"):
+        ts.World.from_scenario("escort", 2, overrides=SMALL[1:3])
+    assert list(ts.World.from_scenario("escort", 2, overrides=SMALL[1:3], teams=("usv",)).teams) == ["usv"]
+
+
 def test_an_episode_that_begins_leaves_no_trace_in_others_and_has_none_of_its_own_past():
     """Boats that learn a drift, and aircraft that see little and search."""
     env, paths = ts.batched_env("escort", 3, overrides=(*SMALL, "uav.camera.field_of_view_deg=5")), []

@@ -80,6 +80,35 @@ def test_the_state_is_what_all_observe():
     assert torch.equal(env.state(), told)  # all is known, nothing varies: there is no other truth
 
 
+def test_what_is_handed_out_may_be_written_to():
+    """A normaliser in place, of a reset's or a step's observations, changes no state."""
+    env = batched()
+    for observations in (env.reset(seed=2), env.step(still(env)).observations, env.observations):
+        told = env.state()
+        for each in observations.values():
+            each.sub_(1.0).div_(2.0)
+        assert torch.equal(env.state(), told)
+        env.state().zero_()
+        assert torch.equal(env.state(), told)
+
+
+def test_environments_begin_by_a_mask_or_by_numbers_and_by_nothing_that_could_be_either():
+    env = batched()
+    env.reset(seed=1)
+    for _ in range(3):
+        env.step(still(env))
+    for wrong in (torch.tensor([0, 1, 1]), torch.tensor([0.0, 1.0, 1.0]), np.array([0, 1, 0], np.uint8), [1.7], [3]):
+        with pytest.raises(ValueError, match="envs"):
+            env.reset(seed=5, envs=wrong)
+    for seed in (1.5, True, "1", -1):
+        with pytest.raises(ValueError, match="seed = "):
+            env.reset(seed, envs=[0])
+    assert env.mission.steps.tolist() == [3, 3, 3]
+    env.reset(envs=np.array([False, True, False]))
+    env.reset(seed=np.int64(7), envs=[2])
+    assert env.mission.steps.tolist() == [3, 0, 0]
+
+
 def test_a_vehicle_that_ends_ends_the_episode_for_all_of_its_environment_only():
     env = batched(LONG)
     env.reset(seed=1)
@@ -175,11 +204,15 @@ def test_wrong_actions_of_agents_are_refused_and_move_nothing():
         (right | {"usv_3": np.zeros(2)}, r"no agent \['usv_3'\]"),
         (right | {"usv_1": np.zeros(3)}, r"the action of usv_1 has shape .*3.*, expected .*2"),
         (right | {"usv_2": [0.0, np.nan]}, "of usv_2 .*must be finite"),
+        (right | {"usv_2": None}, "actions of usv_2 cannot be read"),
+        ([np.zeros(2)] * 3, "actions are a list, expected is a dictionary by agent"),
     ):
         with pytest.raises(ValueError, match=message):
             env.step(wrong)
     assert torch.equal(env.task.teams["usv"].fleet.state, before)
     assert env.agents == env.possible_agents
+    env.step({"usv_0": [1, 0], "usv_1": torch.zeros(2, requires_grad=True), "usv_2": np.array([1e300, 0.0])})
+    assert env.task.teams["usv"].action.abs().max() <= 1.0
 
 
 def test_a_picture_of_all_teams_is_drawn_a_decision_and_changes_nothing():
