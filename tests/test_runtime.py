@@ -315,8 +315,8 @@ def test_a_cache_that_cannot_be_written_is_told_of_and_changes_nothing_else(tmp_
     (tmp_path / "file").write_text("")
     program = "from taichi_sim.kernels import runtime; runtime.init(); runtime.init(precision='f64'); print('done')"
     place = {"TI_OFFLINE_CACHE_FILE_PATH": str(tmp_path / "file" / "cache"), "TMPDIR": str(tmp_path)}
-    command = [sys.executable, "-c", program]
-    done = subprocess.run(command, env=PATHS | place, capture_output=True, text=True, timeout=300)
+    told = {"env": PATHS | place, "capture_output": True, "text": True, "timeout": 300}
+    done = subprocess.run([sys.executable, "-c", program], **told)
     assert done.returncode == 0 and done.stdout == "done\n"
     assert done.stderr.startswith(f"warning: {place['TI_OFFLINE_CACHE_FILE_PATH']} cannot be written (Not a directory)")
     assert done.stderr.count("\n") == 1

@@ -279,11 +279,11 @@ class Traffic:
                 if not open_.any():
                     break
             missing += int(open_.sum())
-        if missing > 0.1 * progress.numel() * self.bodies:
-            raise ValueError(
-                f"{missing} of {progress.numel() * self.bodies} moving obstacles find no way between the fixed ones: "
-                "lower obstacles.count or obstacles.radius_max"
-            )
+            if missing > 0.1 * progress.numel() * self.bodies:
+                raise ValueError(
+                    f"{missing} of the first {progress.numel() * (k + 1)} moving obstacles find no way between the "
+                    "fixed ones: lower obstacles.count, obstacles.radius_max or track.target_speed"
+                )
         return found
 
     def _drawn(self, tracks: Tracks, progress: Tensor, span: Span, generator: torch.Generator) -> Tensor:

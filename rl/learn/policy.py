@@ -2,6 +2,8 @@
 
 import io
 import pickle
+import zipfile
+import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -19,6 +21,9 @@ from taichi_sim.config.io import replacing
 Policy = Callable[[Team], Tensor]
 """A function from the mission's view of a team (rl.mission.Team) to actions [env, vehicle, action] in [-1, 1]."""
 
+UNREADABLE = (RuntimeError, EOFError, OSError, ValueError, LookupError, AttributeError, TypeError,
+              pickle.UnpicklingError, zipfile.BadZipFile, zlib.error)  # fmt: skip
+"""What reading a file that is no whole checkpoint raises."""
 OBS_GROUPS = {"actor": ["policy"], "critic": ["policy"]}
 
 
@@ -45,17 +50,24 @@ def actor_config(stage: StageConfig) -> dict:
 def read_checkpoint(file: Path) -> dict:
     """The content of a checkpoint: tensors and plain values only (`weights_only=True`).
 
+    Torch reads damaged weights without a word, so the sums that its zip files hold are checked first.
+
     Raises:
-        CheckpointError: if the file is missing, incomplete, or holds anything else.
+        CheckpointError: if the file is missing, incomplete, damaged, or holds anything else.
     """
     try:
+        with zipfile.ZipFile(file) as parts:
+            damaged = parts.testzip()
         content = torch.load(file, weights_only=True, map_location="cpu")
     except FileNotFoundError:
         raise CheckpointError(f"{file}: no such checkpoint") from None
-    except (RuntimeError, EOFError, OSError, ValueError, KeyError, pickle.UnpicklingError) as error:
+    except UNREADABLE as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise CheckpointError(f"{file}: not a whole checkpoint: {reason}") from None
-    if not isinstance(content, dict) or not {"actor_state_dict", "iter"} <= content.keys():
+    if damaged:
+        raise CheckpointError(f"{file}: not a whole checkpoint: its part {damaged} is not what was written")
+    kinds = {"actor_state_dict": dict, "iter": int, "infos": dict | None}
+    if not isinstance(content, dict) or not all(isinstance(content.get(key), kind) for key, kind in kinds.items()):
         raise CheckpointError(f"{file}: not a checkpoint of this project")
     return content
 
@@ -100,9 +112,11 @@ class TrainedPolicy:
             actions = state["distribution.std_param"].shape[0]
             actor = MLPModel(example, OBS_GROUPS, "actor", actions, **options)
             actor.load_state_dict(state, strict=True)
-        except (KeyError, RuntimeError, AttributeError) as error:
+        except (KeyError, RuntimeError, AttributeError, TypeError) as error:
             first = str(error).splitlines()[0]
             raise CheckpointError(f"{file}: its network is not the one configured: {first}") from None
+        if not all(bool(weight.isfinite().all()) for weight in actor.parameters()):
+            raise CheckpointError(f"{file}: its weights are not finite: the training had diverged")
         return cls(actor, {key: infos[key] for key in ("observations", "actions") if key in infos}, str(file))
 
     @property

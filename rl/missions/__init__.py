@@ -8,6 +8,7 @@ from pathlib import Path
 from rl.mission import Mission
 from rl.scenario import Scenario, at_stage
 from taichi_sim.config import ConfigError
+from taichi_sim.config.explain import source_of
 from taichi_sim.config.files import resolve_files
 from taichi_sim.config.io import apply_overrides, find_config, key_of, read_toml, validate, vehicle_file
 from taichi_sim.config.plugins import is_plugin, load_class
@@ -50,6 +51,12 @@ def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = (), the
     sources = apply_overrides(data, overrides, kind.Config)
     sources |= apply_overrides(data, then, kind.Config)
     resolve_files(data, file, sources)
+    for key in data.keys() - kind.Config.model_fields.keys():
+        if "vehicle" not in (data[key] if isinstance(data[key], dict) else ()) and (others := _with_key(key)):
+            raise ConfigError(
+                f"{source_of(key, str(file), sources)}: {key}: unknown key: it belongs to the mission "
+                f"{' or '.join(others)}, and this scenario's is {kind.__name__}"
+            )
     config = validate(kind.Config, data, str(file), sources)
     for name, team in config.teams.items():
         try:
@@ -62,6 +69,11 @@ def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = (), the
         except ConfigError as error:
             raise ConfigError(f"{file}: {error}") from None
     return config
+
+
+def _with_key(key: str) -> list[str]:
+    """Shipped missions whose scenarios have the key."""
+    return [name for name in shipped() if key in find_mission(name).Config.model_fields]
 
 
 @runtime.own_settings()

@@ -121,11 +121,13 @@ def read_toml(file: Path) -> dict[str, Any]:
         ConfigError: if it cannot be read; the message says where it is malformed.
     """
     try:
-        return tomllib.loads(Path(file).read_text(encoding="utf-8"))
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{file}: not valid TOML: {error}") from None
+        if Path(file).exists() and not Path(file).is_file():
+            raise ConfigError(f"{file}: cannot be read: not a file")
+        return tomllib.loads(Path(file).read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{file}: cannot be read: {error}") from None
+    except (ValueError, RecursionError) as error:  # ValueError: malformed, or a number of thousands of digits
+        raise ConfigError(f"{file}: not valid TOML: {error}") from None
 
 
 def refuse_unwritable(place: Path) -> None:

@@ -89,7 +89,7 @@ Height = Annotated[float, Field(ge=0, le=15)]  # significant wave height, m; 0 i
 SHORTEST = 0.1  # s: shorter waves are capillary
 Period = Annotated[float, Field(ge=SHORTEST, le=30)]  # peak period, s
 Peakedness = Annotated[float, Field(ge=1, le=10)]  # gamma of JONSWAP
-SpreadingExponent = Annotated[float, Field(ge=0.01, le=200)]  # s of cos^2s; larger is narrower
+SpreadingExponent = Annotated[float, Field(gt=0, le=200)]  # s of cos^2s; larger is narrower
 ComponentCount = Annotated[int, Field(ge=1, le=MAX_COMPONENTS)]
 
 

@@ -83,8 +83,8 @@ def sea_size(config: SeaConfig) -> SeaSize:
         hs = sum(sea_state_range(config.sea_state)) / 2
         return SeaSize(hs, developed_period(hs) if hs > 0 else CALM_PERIOD)
     if config.wind_speed is not None:
-        grows = config.fetch is not None
-        hs, tp = growing_sea(config.wind_speed, config.fetch) if grows else developed_sea(config.wind_speed)
+        wind, fetch = config.wind_speed, config.fetch
+        hs, tp = developed_sea(wind) if fetch is None else growing_sea(wind, fetch)
         return SeaSize(hs, max(tp, SHORTEST))
     assert config.hs is not None and config.tp is not None  # SeaConfig ensures it
     return SeaSize(config.hs, config.tp)

@@ -61,7 +61,7 @@ def test_the_main_jobs_report_is_one_file_that_asks_for_nothing():
 
 @pytest.mark.slow
 def test_a_recording_is_linked_where_there_is_one(run, here):
-    assert f"python rl/play.py {run} --worst" in write_report([run]).read_text()
+    assert f"taichi-sim play {run} --worst" in write_report([run]).read_text()
     assert here("rl.play", run, "--worst").status == 0
     links = Links(write_report([run]).read_text())
     assert [link for link in links.found if not link.startswith(("#", "data:"))] == ["worst.rrd"]
@@ -73,7 +73,7 @@ def test_a_report_says_what_is_missing_and_how_to_make_it(run, here):
     ending = here("rl.report", run)
     assert ending.status == 0, ending.err
     page = (run / "report.html").read_text()
-    for words in ("training is not finished", f"python rl/evaluate.py {run}", "--sweep default", "--resume"):
+    for words in ("training is not finished", f"taichi-sim evaluate {run}", "--sweep default", "--resume"):
         assert words in page, words
 
 
@@ -118,7 +118,7 @@ def test_the_worst_is_of_the_last_evaluation_and_under_its_conditions(run, here)
     assert here("rl.play", run, "--worst").status == 0
     assert (run / "worst.rrd").is_file()
     shutil.rmtree(run / "evaluation")
-    here("rl.play", run, "--worst").fails("no evaluation of 'policy'", "python rl/evaluate.py")
+    here("rl.play", run, "--worst").fails("no evaluation of 'policy'", "taichi-sim evaluate")
 
 
 def test_collided_comes_before_failed_and_failed_before_a_large_error():

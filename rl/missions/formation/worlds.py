@@ -43,6 +43,7 @@ TALLEST = 90.0  # m, of generated obstacles
 VESSEL_TOPS = 4.0, 15.0  # m, of traffic on the sea; assumed
 SHORTEST = 15.0  # s: in shorter episodes nothing could move that is not too near at the start
 FLYING_SPAN = 15.0  # m, below and above the flight height, of traffic in the air; assumed
+MOST_MET = 256  # moving obstacles that a team meets in an episode; each is checked against all others
 
 
 class Starts(NamedTuple):
@@ -256,9 +257,18 @@ def traffic_of(config: FormationScenario, places: Mapping[str, Tensor]) -> Traff
     """Parameters of a scenario's traffic: in each medium, the moving share of the obstacles that a team would meet.
 
     places: medium -> slots of a team there [world, start, vehicle, 2], m.
+
+    Raises:
+        ConfigError: if a team would meet more than MOST_MET.
     """
     track, cylinders = config.track, config.obstacles
     met = cylinders.count * config.episode_duration * track.target_speed / track.length
+    if cylinders.moving_fraction * met > MOST_MET:
+        raise ConfigError(
+            f"obstacles.moving_fraction = {cylinders.moving_fraction:g}: a team that passes {met:.4g} obstacles in "
+            f"episode_duration = {config.episode_duration:g} s at track.target_speed = {track.target_speed:g} m/s "
+            f"would meet {cylinders.moving_fraction * met:.4g} moving ones, allowed are {MOST_MET}"
+        )
     radius = cylinders.radius_min, cylinders.radius_max
     top = track.flight_height + FLYING_SPAN
     heights = {"water": (0.0, VESSEL_TOPS), "air": (track.flight_height - FLYING_SPAN, (top, top))}
