@@ -63,13 +63,14 @@ __all__ = ["Hull6Dof", "Hull6DofParams"]
 
 TablesPack = ti.types.argpack(
     panels=laned1,
+    corners=laned1,
     node=whole1,
     lines=array2,
     deck=array2,
     filters=laned1,
     diffraction=laned1,
 )
-"""Tables of the parts: panels, the columns of the heads that they read, and wave lines (water.py);
+"""Tables of the parts: panels, their corners, the columns of the heads that they read, and wave lines (water.py);
 corners of the deck (geometry.py); filters of the memory, and diffraction in one sea (radiation.py)."""
 SEAS = 4  # number of seas for which a model keeps tables
 SeaKey = tuple[int, int, tuple[int, ...]]  # address, version and shape of a sea's tensor
@@ -312,7 +313,8 @@ class Hull6Dof(Vessel):
             g = self.geometry
             tables = runtime.pack(
                 TablesPack,
-                panels=laned(device_table(water.panel_table(g))).transpose(0, 1).flatten(0, 1).contiguous(),
+                panels=water.by_block(water.panel_table(g)),
+                corners=water.by_block(water.corner_table(g)),
                 node=device_table(self.pressure.column(g.lines.node)).int(),
                 lines=device_table(water.line_table(g)),
                 deck=device_table(g.deck_corners),
