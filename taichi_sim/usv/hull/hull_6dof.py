@@ -393,8 +393,8 @@ class Hull6Dof(Vessel):
         y = motion.pack(pos, q, nu)
         for c in ti.static(range(13)):
             state[e, i, c] = y[c]
-        nu_r = motion.through_water(self, nu, R, V_c, sums)
-        drag = linear(motion.damping_load(self.params.hydrodynamics, p, nu_r))
+        nu_r, nu_m = motion.through_water(self, nu, R, V_c, sums)
+        drag = linear(motion.damping_load(self.params.hydrodynamics, p, nu_r, nu_m))
         motion.note(aux, e, i, D, change, nu_dot, linear(up), drag, linear(blown))
         self.drive.note(self.thrusters, p, aux, e, i, controls, nu_r)
         fleet.surface[e, i, ELEVATION] = plane[0]
