@@ -112,7 +112,7 @@ class Hydrodynamics(Strict):
             raise ValueError('drift = true needs radiation = "memory"')
         if self.damping_relative_to == "current" and self.radiation != "memory":
             raise ValueError(
-                'damping_relative_to = "current" needs radiation = "memory": constant damping also stands for diffraction'
+                'damping_relative_to = "current" needs radiation = "memory": constant damping is also diffraction'
             )
         return self
 
