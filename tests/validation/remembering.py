@@ -2,9 +2,8 @@
 
 A computed one needs capytaine (extra `bem`) and minutes; `--bem FOLDER` keeps it from run to run. Hulls have no viscous
 damping, as boundary-element codes have none, but what NAME_meta.json says was added (`B_external_linear`); shipped ones
-have a little in surge, sway and yaw besides, by which they come to rest. Added damping takes the ship's own velocity in
-tables, and in the simulator that relative to the water: where ship and water move alike, far below a resonance, it does
-less here.
+have a little in surge, sway and yaw besides, by which they come to rest. Added damping takes the ship's own
+velocity, as in tables (`damping_relative_to = "current"`).
 """
 
 import os
@@ -67,7 +66,7 @@ def hull_of(case: Case, name: str) -> tuple[Hull6Dof, HydroDatabase]:
 
 
 def damped(model: Hull6Dof, added: np.ndarray) -> Hull6Dof:
-    """The same hull with the linear damping `added` [6, 6] (N s/m, N m s) beside its radiation.
+    """The same hull with the linear damping `added` [6, 6] (N s/m, N m s) of its own motion beside its radiation.
 
     Raises:
         TableError: if it couples modes.
@@ -80,9 +79,8 @@ def damped(model: Hull6Dof, added: np.ndarray) -> Hull6Dof:
     # of what a file says in heave, roll and pitch, radiation's share at the resonance is taken back
     least = np.where(np.diag(added) > 0, model.radiation.counted, 0.0)
     linear = np.maximum(water.linear, least) + np.diag(added)
-    params = model.params.model_copy(
-        update={"hydrodynamics": water.model_copy(update={"linear": tuple(linear.tolist())})}
-    )
+    own = {"linear": tuple(linear.tolist()), "damping_relative_to": "current"}
+    params = model.params.model_copy(update={"hydrodynamics": water.model_copy(update=own)})
     return Hull6Dof(params, model.dt, model.substeps)
 
 

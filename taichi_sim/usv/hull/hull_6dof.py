@@ -64,13 +64,14 @@ __all__ = ["Hull6Dof", "Hull6DofParams"]
 
 TablesPack = ti.types.argpack(
     panels=laned1,
+    corners=laned1,
     node=whole1,
     lines=array2,
     deck=array2,
     filters=laned1,
     diffraction=laned1,
 )
-"""Tables of the parts: panels, the columns of the heads that they read, and wave lines (water.py);
+"""Tables of the parts: panels, their corners, the columns of the heads that they read, and wave lines (water.py);
 corners of the deck (geometry.py); filters of the memory, and diffraction in one sea (radiation.py)."""
 KEPT = 4  # number of seas, and of steps in each, for which a model keeps tables
 SeaKey = tuple[int, int, tuple[int, ...]]  # address, version and shape of a sea's tensor
@@ -315,7 +316,8 @@ class Hull6Dof(Vessel):
                 self._tables.pop(next(iter(self._tables)))
             g = self.geometry
             tables, packs = {
-                "panels": laned(device_table(water.panel_table(g))).transpose(0, 1).flatten(0, 1).contiguous(),
+                "panels": water.by_block(water.panel_table(g)),
+                "corners": water.by_block(water.corner_table(g)),
                 "node": device_table(self.pressure.column(g.lines.node)).int(),
                 "lines": device_table(water.line_table(g)),
                 "deck": device_table(g.deck_corners),
@@ -402,8 +404,8 @@ class Hull6Dof(Vessel):
         for c in ti.static(range(QW, 13)):
             state[e, i, c] = y[c]
         move(fleet, e, i, start, way)
-        nu_r = motion.through_water(self, nu, R, V_c, sums)
-        drag = linear(motion.damping_load(self.params.hydrodynamics, p, nu_r))
+        nu_r, nu_m = motion.through_water(self, nu, R, V_c, sums)
+        drag = linear(motion.damping_load(self.params.hydrodynamics, p, nu_r, nu_m))
         motion.note(aux, e, i, D, change, nu_dot, linear(up), drag, linear(blown))
         self.drive.note(self.thrusters, p, aux, e, i, controls, nu_r)
         fleet.surface[e, i, ELEVATION] = plane[0]

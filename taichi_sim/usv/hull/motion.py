@@ -16,6 +16,8 @@ Damping, due to the velocity nu_r relative to the water:
 
     X_i = -(d_i + d_ii |nu_r,i|) nu_r,i        diagonal, linear and quadratic (Fossen 2021, sec. 6.4)
 
+or, with `damping_relative_to = "current"`, due to nu - nu_c, as in codes that compute RAOs.
+
 The cross-flow drag is an integral over strips of width dx at x along the hull,
 
     Y = -1/2 rho T C_d sum |v + x r| (v + x r) dx,   N = -1/2 rho T C_d sum x |v + x r| (v + x r) dx,
@@ -106,9 +108,13 @@ def linear_load(source: ti.template(), p: ti.template(), z, R, sums):
 
 
 @ti.func
-def damping_load(h: ti.template(), p: ti.template(), nu_r):
-    """Total of damping and cross-flow drag. `h` is the Hydrodynamics section, `p` the kernel's numbers."""
-    tau = diagonal_damping(ti.static(vector(p, "linear", 6)), ti.static(vector(p, "quadratic", 6)), nu_r)
+def damping_load(h: ti.template(), p: ti.template(), nu_r, nu_m):
+    """Total of damping and cross-flow drag at velocities relative to the water (nu_r) and to the current (nu_m).
+
+    `h` is the Hydrodynamics section, `p` the kernel's numbers.
+    """
+    damped = nu_m if ti.static(h.damping_relative_to == "current") else nu_r
+    tau = diagonal_damping(ti.static(vector(p, "linear", 6)), ti.static(vector(p, "quadratic", 6)), damped)
     if ti.static(h.cross_flow_length > 0):
         YN = cross_flow(h, nu_r[1], nu_r[5])
         tau[1] += YN[0]
@@ -179,9 +185,9 @@ def unpack(y):
 
 @ti.func
 def through_water(hull: ti.template(), nu, R, V_c, sums):
-    """Velocity nu_r relative to the water."""
+    """Velocity relative to the water, nu_r, and to the current alone, nu - nu_c."""
     nu_c, _, nu_o, _ = water.flow(hull.params.current_frame, R, angular(nu), V_c, sums)
-    return nu - nu_c - nu_o
+    return nu - nu_c - nu_o, nu - nu_c
 
 
 @ti.func
@@ -192,7 +198,7 @@ def acceleration(hull: ti.template(), p: ti.template(), nu, R, tau, controls, V_
     M_rb, M_a, M_inverse = ti.static(symmetric(p, "M_rb"), diagonal(p, "added"), symmetric(p, "inverse"))
     nu_c, nu_c_dot, nu_o, nu_o_dot = water.flow(hull.params.current_frame, R, angular(nu), V_c, sums)
     nu_r = nu - nu_c - nu_o
-    load = tau + damping_load(hull.params.hydrodynamics, p, nu_r)
+    load = tau + damping_load(hull.params.hydrodynamics, p, nu_r, nu - nu_c)
     if ti.static(hull.thrusters.in_flow):
         load += mmg_drive.load_in_flow(hull.thrusters, p, controls, nu_r)
     load += hull.radiation.orbital_load(M_a, nu_o_dot)

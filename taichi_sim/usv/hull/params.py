@@ -84,6 +84,9 @@ class Hydrodynamics(Strict):
       counts as far as it exceeds the radiation at the natural frequency, because a published linear damping includes
       that.
     - `quadratic` and cross-flow count in full.
+    - `damping_relative_to` says which velocity `linear` and `quadratic` take: that relative to the water, with the
+      waves' orbital motion, or that relative to the current alone (over ground where there is none). Codes that compute
+      RAOs add damping to the hull's own motion: "current". Cross-flow drag always takes the water's.
 
     With `restoring = "linear"`, for comparison with published codes, radiation is always constant.
     """
@@ -94,6 +97,7 @@ class Hydrodynamics(Strict):
     added_mass: Diagonal  # -X_udot, -Y_vdot, -Z_wdot (kg), -K_pdot, -M_qdot, -N_rdot (kg m^2)
     linear: Diagonal  # -X_u ... (N s/m, N m s)
     quadratic: Diagonal = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # -X_uu ... (N s^2/m^2, N m s^2), factors of |nu| nu
+    damping_relative_to: Literal["water", "current"] = "water"
     cross_flow_length: NonNegative = 0.0  # m, of the strip integral; 0: no cross-flow drag
     cross_flow_draft: NonNegative = 0.0  # m
     cross_flow_coefficient: NonNegative = 0.0  # 2-D drag coefficient of a section (Hoerner 1965)
@@ -106,6 +110,10 @@ class Hydrodynamics(Strict):
             raise ValueError('radiation = "memory" needs a database: NAME.hydro.json, made by tools/hydrodynamics.py')
         if self.drift and self.radiation != "memory":
             raise ValueError('drift = true needs radiation = "memory"')
+        if self.damping_relative_to == "current" and self.radiation != "memory":
+            raise ValueError(
+                'damping_relative_to = "current" needs radiation = "memory": constant damping is also diffraction'
+            )
         return self
 
 

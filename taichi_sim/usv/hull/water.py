@@ -16,6 +16,11 @@ from the elevation at the point. Counting from the plane lets one exponential se
 decay is exp(-omega^2/g d), because hulls lie near the surface. Waves are summed at the points of lines (`WaveLines`)
 and carried from there to the panels. On a panel the pressure is linear, and clipped at zero out of the water. The load
 is the sum of its averages over strips times constant unit wrenches (hydrostatics.py).
+
+Still water pushes a closed hull along the normal of its surface only, through the centroid of the wet volume. Where
+keels or decks cross the surface, strips miss that by their errors. The load of still water below the mean surface plane
+is then computed as well, and what it has along the plane, and about its normal, is taken back. A wave's own force stays
+as it is: only errors at the pose of the hull relative to the plane go.
 """
 
 # Kernels are another language inside Python syntax.
@@ -26,14 +31,15 @@ from typing import NamedTuple
 import numpy as np
 import taichi as ti
 from numpy.typing import ArrayLike, NDArray
+from torch import Tensor
 
-from taichi_sim.conventions import AMPLITUDE, BX, BY, GRAVITY, KX, KY, OMEGA, RHO_SEA, K
+from taichi_sim.conventions import AMPLITUDE, BELOW, BX, BY, GRAVITY, KX, KY, OMEGA, RHO_SEA, K
 from taichi_sim.kernels import fast
 from taichi_sim.kernels.abreast import taken2
-from taichi_sim.kernels.lanes import blocks, filled, laned_totals, taken_lanes, totals, variables, width
+from taichi_sim.kernels.lanes import blocks, filled, laned, laned_totals, taken_lanes, total, totals, variables, width
 from taichi_sim.kernels.rigid_body import cross, six
 from taichi_sim.sea.waves import component
-from taichi_sim.usv.hull.geometry import HullGeometry, averages
+from taichi_sim.usv.hull.geometry import HullGeometry, averages, device_table
 from taichi_sim.usv.hull.hydrostatics import Strips
 
 SUMS = 18  # numbers that `at_centre` returns:
@@ -52,12 +58,17 @@ CENTRE, ALONG, UP, TWIST, ACROSS, AHEAD, WRENCH = 0, 3, 6, 9, 12, 13, 14
 WRENCH_ROWS = tuple((m, j) for m in range(3) for j in range(6) if m < 2 or j > 2)
 SECOND = len(WRENCH_ROWS)  # first wrench row of the second strip, counted from WRENCH
 PANEL_ROWS = WRENCH + STRIPS * SECOND
+SIDE, CORNER_ROWS = 3, 4  # row of the corner table, behind the position; rows
+
+
+CORNER_DIGITS = 9  # m, decimals to which corners of neighbours are the same
 
 
 class Pressure(NamedTuple):
     """Compile-time sizes of the pressure kernels."""
 
     panels: int  # number of panels
+    corners: int  # number of their corners (`corner_table`)
     abreast: int  # wave lines that share a step: a group
     points: int  # points per wave line
     groups: int
@@ -69,7 +80,8 @@ class Pressure(NamedTuple):
         """Sizes for the panels and lines of a hull, behind `used` columns."""
         lines = geometry.lines
         groups, node = len(lines.start) // lines.abreast, tuple(lines.node.tolist())
-        return cls(len(geometry.panels), lines.abreast, lines.points, groups, filled(used), node)
+        corners = corner_table(geometry).shape[1]
+        return cls(len(geometry.panels), corners, lines.abreast, lines.points, groups, filled(used), node)
 
     @property
     def size(self) -> int:
@@ -111,6 +123,27 @@ def panel_table(geometry: HullGeometry) -> NDArray[np.float64]:
     table[ACROSS], table[AHEAD] = geometry.lines.across, geometry.lines.ahead
     table[WRENCH:] = [strip[:, m, j] for strip in strips.wrench for m, j in WRENCH_ROWS]
     return table
+
+
+def corner_table(geometry: HullGeometry) -> NDArray[np.float64]:
+    """Corner table, [CORNER_ROWS, corner]: positions (m, b) times SIDE, and SIDE: 1 in the design water, -1 above it.
+
+    While every corner stays on its side, water lines cross panels from side to side, and strips are nearly exact
+    (hydrostatics.py). A corner of a panel that the design waterline crosses otherwise is on both sides, so never stays.
+    """
+    corner = geometry.panels.corners.round(CORNER_DIGITS)
+    side = np.sign(corner[..., BELOW])
+    otherwise = (side[:, 0] * side[:, 1] < 0) | (side[:, 2] * side[:, 3] < 0)
+    odd = corner[otherwise, 0]
+    own = np.unique(corner.reshape(-1, 3), axis=0)
+    at, side = np.concatenate([own, odd, odd]), np.concatenate([np.sign(own[:, BELOW]), *np.ones((2, len(odd)))])
+    side[len(own) + len(odd) :] = -1
+    return np.concatenate([side * at.T, side[None]])[:, side != 0]
+
+
+def by_block(table: NDArray[np.float64]) -> Tensor:
+    """Convert a table [row, n] for kernels, which have it as [vector of n * rows + row]."""
+    return laned(device_table(table)).transpose(0, 1).flatten(0, 1).contiguous()
 
 
 def line_table(geometry: HullGeometry) -> NDArray[np.float64]:
@@ -386,6 +419,22 @@ def along(panels: ti.template(), row, v):
 
 
 @ti.func
+def add_strips(sums: ti.template(), panels: ti.template(), at, p_c, slope_b):
+    """Add to `sums` the wrench, per -rho g, of the head p_c (m) with the gradient `slope_b` on the panels whose table
+    begins at the row `at`.
+    """
+    d1 = along(panels, at + ALONG, slope_b)
+    d2 = along(panels, at + UP, slope_b)
+    d3 = along(panels, at + TWIST, slope_b)
+    first = strip_moments(p_c - d1, d2 - d3)
+    second = strip_moments(p_c + d1, d2 + d3)
+    for row in ti.static(range(SECOND)):
+        m, j = ti.static(WRENCH_ROWS[row])
+        sums[j] += panels[at + ti.static(WRENCH + row)] * first[m]
+        sums[j] += panels[at + ti.static(WRENCH + SECOND + row)] * second[m]
+
+
+@ti.func
 def panel_load(sizes: ti.template(), tables: ti.template(), rows: ti.template(), e, i, z, R, plane):
     """Load (N, N m, about CO, b) of the panels' heads in `rows`, with CO at the depth z (m) below mean sea level.
 
@@ -393,20 +442,39 @@ def panel_load(sizes: ti.template(), tables: ti.template(), rows: ti.template(),
     """
     k = ti.Vector([R[2, 0], R[2, 1], R[2, 2]])  # downwards in b
     g = R.transpose() @ ti.Vector([plane[1], plane[2], 0.0])  # slope of the surface plane in b
-    panels = ti.static(tables.panels)
-    sums = ti.static(variables(6, panels[0] * 0.0))
-    slope_b = k + g  # gradient of the pressure head, b
+    panels, corners = ti.static(tables.panels, tables.corners)
+    sums, crossed = ti.static(variables(6, panels[0] * 0.0)), corners[0] * 0.0
+    slope_b, depth = k + g, z + plane[0]  # gradient of the pressure head, b; of CO below the plane, m
     for p in range(ti.static(blocks(sizes.panels))):
         at = p * PANEL_ROWS
         p_c = z + along(panels, at + CENTRE, k) + panels[at + AHEAD] * g[0]
         p_c += rows[e, i, ti.static(blocks(sizes.heads)) + p]
-        d1 = along(panels, at + ALONG, slope_b)
-        d2 = along(panels, at + UP, slope_b)
-        d3 = along(panels, at + TWIST, slope_b)
-        first = strip_moments(p_c - d1, d2 - d3)
-        second = strip_moments(p_c + d1, d2 + d3)
-        for row in ti.static(range(SECOND)):
-            m, j = ti.static(WRENCH_ROWS[row])
-            sums[j] += panels[at + ti.static(WRENCH + row)] * first[m]
-            sums[j] += panels[at + ti.static(WRENCH + SECOND + row)] * second[m]
+        add_strips(sums, panels, at, p_c, slope_b)
+    for c in range(ti.static(blocks(sizes.corners))):
+        at = c * CORNER_ROWS
+        kept = along(corners, at, slope_b) + corners[at + SIDE] * depth
+        crossed += fast.at_least(0.0 - kept, 0.0)
+    if total(crossed) > 0.0:
+        rest = still_remainder(sizes, panels, depth, slope_b)
+        for j in ti.static(range(6)):
+            sums[j] = sums[j] - rest[j]
     return ti.static(-RHO_SEA * GRAVITY) * totals(sums)
+
+
+@ti.func
+def still_remainder(sizes: ti.template(), panels: ti.template(), depth, slope_b):
+    """Load per rho g (m^3, m^4; in lanes) along the surface, and about its normal, that the strips' errors leave in
+    still water: level with the mean surface plane, which is `depth` (m) above CO and has `slope_b` as normal.
+    """
+    sums = ti.static(variables(6, panels[0] * 0.0))
+    for p in range(ti.static(blocks(sizes.panels))):
+        at = p * PANEL_ROWS
+        p_c = depth + along(panels, at + CENTRE, slope_b)
+        add_strips(sums, panels, at, p_c, slope_b)
+    n = slope_b / slope_b.norm()
+    up = sums[0] * n[0] + sums[1] * n[1] + sums[2] * n[2]
+    turn = sums[3] * n[0] + sums[4] * n[1] + sums[5] * n[2]
+    for j in ti.static(range(3)):
+        sums[j] = sums[j] - up * n[j]
+        sums[3 + j] = turn * n[j]
+    return sums
