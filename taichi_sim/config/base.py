@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from torch import Tensor
 
-SMALLEST, LARGEST = 1e-12, 1e15
+SMALLEST, LARGEST = 1e-30, 1e15
 """Limits of positive numbers, and of all numbers either way: kernels' single precision holds their squares, times 1e8.
 The inertia of the largest ships is 1e13 kg m^2, the moment of a small rotor 1e-9 N m s^2."""
 
