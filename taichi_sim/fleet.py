@@ -24,7 +24,7 @@ from taichi_sim.conventions import (
     VELOCITY,
 )
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.lanes import laned, width
+from taichi_sim.kernels.lanes import filled, laned, width
 from taichi_sim.kernels.packs import FleetPack
 from taichi_sim.kernels.position import HALF_DIGIT
 from taichi_sim.kernels.rotation import (
@@ -134,7 +134,8 @@ class Fleet(Views):
         sizes = STATE_SIZE, DERIVED_SIZE, max(model.aux_size, 1)
         super().__init__(model, *(torch.zeros((num_envs, count, size), **options) for size in sizes))
         self.state[..., QUATERNION.start] = 1.0
-        self.remainder = torch.zeros_like(self.position_n)
+        self._rests = torch.zeros((3, filled(num_envs * count)), **options)
+        self.remainder = self._rests[:, : num_envs * count].unflatten(1, (num_envs, count)).movedim(0, -1)
         self.surface = torch.zeros((num_envs, count, SURFACE_SIZE), **options)
         self.surface[..., FREEBOARD] = NO_DECK
         self.action = torch.zeros((num_envs, count, max(len(model.action_names), 1)), **options)
@@ -198,7 +199,8 @@ class Fleet(Views):
             action=self.action,
             numbers=self._unused if self._numbers is None else self._numbers,
             load=self._unused if self._load is None else self._load,
-            remainder=self.remainder,
+            remainder=self._rests,
+            rests=laned(self._rests),
             lanes=laned(self._unused if self.aux.shape[-1] % width() else self.aux),
         )
 

@@ -20,10 +20,11 @@ PART = 32  # numbers that are read at a time: Taichi warns of longer loops witho
 
 FleetPack = ti.types.argpack(
     state=array3, derived=array3, aux=array3, surface=array3, action=array3, numbers=array3, load=array3,
-    remainder=array3, lanes=laned3,
+    remainder=array2, rests=laned2, lanes=laned3,
 )  # fmt: skip
 """Tensors of a team, each [env, vehicle, n] (fleet.py). `numbers` and `load` are [1, 1, 1] where they are not used.
-`remainder` is what `state` cannot hold of the position (position.py). `lanes` is `aux` as vectors (lanes.py), for
+`remainder` [3, vehicle of all environments] is what `state` cannot hold of the position (position.py), `rests` the same
+as vectors. `lanes` is `aux` as vectors (lanes.py), for
 models whose `aux_size` is a multiple of the width."""
 
 AroundPack = ti.types.argpack(

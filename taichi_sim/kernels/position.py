@@ -6,7 +6,7 @@ kernel adds up its way from the place where the control step began:
 
     start, way = position_of(y), v * 0.0
     ...                                   # in every substep: way += dt v; what needs the place uses start + way
-    move(fleet, e, i, start, way)         # position + remainder = start + remainder + way
+    move(fleet, e, i, start, way, then)   # position + remainder = start + remainder + way
 
 Sum and remainder are those of two floats, without rounding (Dekker 1971, A floating-point technique for extending the
 available precision, Numerische Mathematik 18, 224-242). In f64, where a position of 1,000 km is exact to 0.1 nm, the
@@ -23,26 +23,32 @@ import taichi as ti
 
 from taichi_sim.conventions import NORTH
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.abreast import bit_cast, put, taken
+from taichi_sim.kernels.abreast import bit_cast, put
+from taichi_sim.kernels.lanes import WIDTH, is_laned
 
 HALF_DIGIT = 2.0**-24  # largest remainder of an f32, as a share of it
 ONE_EXPONENT = 1 << 23  # added to the bits of an f32, it doubles the number
 
 
 @ti.func
-def move(fleet: ti.template(), e, i, start, way):
+def move(fleet: ti.template(), e, i, start, way, then: ti.template()):
     """Write the first positions (n, m) of vehicle i in environment e, and their remainders: `start`, as they are in the
-    state, plus `way`; vectors of one, two or three numbers.
+    state, plus `way`; vectors of two or three numbers. The list `then` holds the columns of the state that follow.
+
+    The vehicles of a group (abreast.py) lie one after another, so that their remainders are whole vectors.
     """
     if ti.static(runtime.is_f64()):
-        put(fleet.state, e, i, NORTH, [start[k] + way[k] for k in ti.static(range(way.n))])
+        put(fleet.state, e, i, NORTH, [start[k] + way[k] for k in ti.static(range(way.n))] + then)
     else:
-        rest = taken(fleet.remainder, e, i, NORTH, way.n)
-        there, left = start, way
+        there = start
         for k in ti.static(range(way.n)):
-            there[k], left[k] = added(start[k], way[k] + belongs(rest[k], start[k]))
-        put(fleet.state, e, i, NORTH, [there[k] for k in ti.static(range(way.n))])
-        put(fleet.remainder, e, i, NORTH, [left[k] for k in ti.static(range(way.n))])
+            if ti.static(is_laned(e)):
+                g = (e[0] * fleet.state.shape[1] + i[0]) // WIDTH
+                there[k], fleet.rests[k, g] = added(start[k], way[k] + belongs(fleet.rests[k, g], start[k]))
+            else:
+                row = e * fleet.state.shape[1] + i
+                there[k], fleet.remainder[k, row] = added(start[k], way[k] + belongs(fleet.remainder[k, row], start[k]))
+        put(fleet.state, e, i, NORTH, [there[k] for k in ti.static(range(way.n))] + then)
 
 
 @ti.func

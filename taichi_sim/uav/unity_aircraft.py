@@ -28,7 +28,7 @@ from pydantic import Field
 from torch import Tensor
 
 from taichi_sim.config import NonNegative, Positive, Strict
-from taichi_sim.conventions import QUATERNION, QW, SURGE
+from taichi_sim.conventions import QUATERNION, SURGE
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, fast, lanes
 from taichi_sim.kernels.abreast import group, put, taken
@@ -200,8 +200,7 @@ class UnityAircraft(Aircraft):
             v = ti.Vector([y[7], y[8], y[9]])
             store(fleet.derived, e, i, R_nb, v)
             v_b, omega = R_nb.transpose() @ v, self.body_rates(angles, rates)
-            move(fleet, e, i, start, position_of(y))
-            put(fleet.state, e, i, QW, [q[0], q[1], q[2], q[3]])
+            move(fleet, e, i, start, position_of(y), [q[0], q[1], q[2], q[3]])
             put(fleet.state, e, i, SURGE, [v_b[0], v_b[1], v_b[2], omega[0], omega[1], omega[2]])
             put(fleet.aux, e, i, INCREMENT, [increment[0], increment[1], increment[2]])
             put(fleet.aux, e, i, ANGLE, [angles[0], angles[1], wrap_pi(angles[2])])

@@ -10,7 +10,7 @@ pitch follow the plane through the elevations under the four corners of the wate
 
 import taichi as ti
 
-from taichi_sim.conventions import DOWN, EAST, ELEVATION, GRAVITY, NORTH, PITCH_RATE, QW, SURGE, SWAY, YAW_RATE
+from taichi_sim.conventions import EAST, ELEVATION, GRAVITY, NORTH, PITCH_RATE, QW, SURGE, SWAY, YAW_RATE
 from taichi_sim.kernels import fast
 from taichi_sim.kernels.abreast import put
 from taichi_sim.kernels.position import move
@@ -125,8 +125,7 @@ def write_state(fleet: ti.template(), e, i, start, s, plane, before, memory, V_c
     v_n[2] = (before[0] - plane[0]) / dt
     store(fleet.derived, e, i, R_nb, v_n)
     v_b = R_nb.transpose() @ v_n
-    move(fleet, e, i, start, ti.Vector([s[0], s[1]]))
-    put(fleet.state, e, i, DOWN, [-plane[0], q[0], q[1], q[2], q[3]])
+    move(fleet, e, i, start, ti.Vector([s[0], s[1]]), [-plane[0], q[0], q[1], q[2], q[3]])
     put(fleet.state, e, i, SURGE, [v_b[0], v_b[1], v_b[2], omega[0], omega[1], omega[2]])
     for k in ti.static(range(memory.n)):
         fleet.aux[e, i, k] = memory[k]

@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
-from taichi_sim.conventions import ELEVATION, GRAVITY, QW, SURGE
+from taichi_sim.conventions import ELEVATION, GRAVITY, SURGE
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, lanes
 from taichi_sim.kernels.abreast import group, put, taken, taken2
@@ -208,8 +208,7 @@ class UnityBoat(Vessel):
             v = ti.Vector([y[7], y[8], y[9]])
             store(fleet.derived, e, i, R, v)
             v_b = R.transpose() @ v
-            move(fleet, e, i, start, position_of(y))
-            put(fleet.state, e, i, QW, [y[3], y[4], y[5], y[6]])
+            move(fleet, e, i, start, position_of(y), [y[3], y[4], y[5], y[6]])
             put(fleet.state, e, i, SURGE, [v_b[0], v_b[1], v_b[2], y[10], y[11], y[12]])
             put(fleet.aux, e, i, 0, [label[0], label[1], label[2], label[3]])
             put(fleet.surface, e, i, ELEVATION, [level])

@@ -20,7 +20,7 @@ import torch
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import DOWN, GRAVITY, QW
+from taichi_sim.conventions import DOWN, GRAVITY
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, lanes
 from taichi_sim.kernels.abreast import group, put, some, taken, taken1, taken2
@@ -315,8 +315,7 @@ class FixedWing6DOF(Aircraft):
                 new = local_air.velocity_at(build.air, wind_10, shear, gust, f, v_mean, y, time)
                 y = with_velocity(y, velocity_of(y) + attitude_of(y).transpose() @ (met - new))
                 met = new
-        self.save(p, fleet, e, i, y, met, delta)
-        move(fleet, e, i, start, way)
+        self.save(p, fleet, e, i, start, way, y, met, delta)
         put(fleet.aux, e, i, TIME, [time, gust[0], gust[1], gust[2], gust[3], gust[4], pilot[0], pilot[1]])
 
     @ti.func
@@ -326,15 +325,15 @@ class FixedWing6DOF(Aircraft):
         return y, delta, taken(fleet.aux, e, i, TURBULENCE, 5), taken(fleet.aux, e, i, INTEGRAL, 2)
 
     @ti.func
-    def save(self, p: ti.template(), fleet: ti.template(), e, i, y, met, delta):
-        """Store state y but for its position, relative to the air that moves with `met`, with its derived values and
+    def save(self, p: ti.template(), fleet: ti.template(), e, i, start, way, y, met, delta):
+        """Store state y, `way` from `start` and relative to the air that moves with `met`, with its derived values and
         instruments.
         """
         R = attitude_of(y)
         readings = self.readings(p, y, delta)
         v = velocity_of(y) + R.transpose() @ met
         store(fleet.derived, e, i, R, R @ v)
-        put(fleet.state, e, i, QW, [y[3], y[4], y[5], y[6], v[0], v[1], v[2], y[10], y[11], y[12]])
+        move(fleet, e, i, start, way, [y[3], y[4], y[5], y[6], v[0], v[1], v[2], y[10], y[11], y[12]])
         stalled = (readings[1] > self.stall_angles[1]) | (readings[1] < self.stall_angles[0])
         stall = taken(fleet.aux, e, i, STALL_TIME, 1)[0] + p.dt * ti.static(float(self.substeps))
         put(fleet.aux, e, i, DEFLECTIONS, [delta[0], delta[1], delta[2], delta[3]])

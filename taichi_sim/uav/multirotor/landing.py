@@ -181,7 +181,7 @@ def land(
     """
     h = ti.static(dt / steps)
     place = taken(way, e, i, carrier.PLACE, 3)
-    start, gone, q = position_of(y) - place, met * 0.0, quaternion_of(y)
+    start, moved, q = position_of(y) - place, met * 0.0, quaternion_of(y)
     x = start
     R = rotation_matrix(q)
     v = R @ velocity_of(y) + met
@@ -197,8 +197,8 @@ def land(
         R_m = rotation_matrix(quaternion_advance(q, w_b, ti.static(0.25 * h)))
         q = quaternion_advance(q, inverse_inertia_times(p, R_m.transpose() @ H), ti.static(0.5 * h))
         R = rotation_matrix(q)
-        gone += ti.static(0.5 * h) * v
-        x = start + gone
+        moved += ti.static(0.5 * h) * v
+        x = start + moved
         for c in ti.static(range(6)):
             body[c] += ti.static(0.5 * h) * body[6 + c]
         t += ti.static(0.5 * h)
@@ -241,7 +241,7 @@ def land(
     w_b, v_r = inverse_inertia_times(p, R.transpose() @ H), R.transpose() @ (v - met)
     after = y
     for c in ti.static(range(3)):
-        after[c], after[7 + c], after[10 + c] = gone[c], v_r[c], w_b[c]
+        after[c], after[7 + c], after[10 + c] = moved[c], v_r[c], w_b[c]
     for c in ti.static(range(4)):
         after[3 + c] = q[c]
     return after, command + away, soles, body, blow

@@ -25,7 +25,7 @@ from torch import Tensor
 from taichi_sim.config import ConfigError
 from taichi_sim.contact import carrier
 from taichi_sim.contact.touch import SOLE_SIZE
-from taichi_sim.conventions import AMPLITUDE, DOWN, QW
+from taichi_sim.conventions import AMPLITUDE, DOWN
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, lanes
 from taichi_sim.kernels.abreast import group, put, some, taken, taken1, taken2
@@ -324,10 +324,9 @@ class Multirotor6DOF(Vehicle):
             if by_deck > 0:
                 landing.remember(touch, self.interval, e, i, soles, body, struck)
             below = ground.beneath(-y[2] - sea, sea_weight, deck_upwash)
-            self.save(p, self.over_decks, fleet, e, i, y, met, omega, below)
+            self.save(p, self.over_decks, fleet, e, i, start, way, y, met, omega, below)
         else:
-            self.save(p, self.p.ground_effect, fleet, e, i, y, met, omega, -y[2] - sea)
-        move(fleet, e, i, start, way)
+            self.save(p, self.p.ground_effect, fleet, e, i, start, way, y, met, omega, -y[2] - sea)
         put(fleet.aux, e, i, at.TIME, [time, voltage, charge, rates[0], rates[1], rates[2]])
         put(fleet.aux, e, i, at.VELOCITY_WANTED, [toward[0], toward[1], toward[2]])
         put(fleet.aux, e, i, at.TURBULENCE, [gust[0], gust[1], gust[2], gust[3], gust[4]])
@@ -431,8 +430,10 @@ class Multirotor6DOF(Vehicle):
         return waves.elevation_at_label(around.sea, around.phase, build.components, s, e, L[0], L[1], time)
 
     @ti.func
-    def save(self, p: ti.template(), kind: ti.template(), fleet: ti.template(), e, i, y, met, omega, below):
-        """Store state y but for its position, with its derived values and instruments; its velocity is relative to the
+    def save(
+        self, p: ti.template(), kind: ti.template(), fleet: ti.template(), e, i, start, way, y, met, omega, below,
+    ):  # fmt: skip
+        """Store state y, `way` from `start`, with its derived values and instruments; its velocity is relative to the
         air, which moves with `met`.
 
         kind, below: what is below (ground.py).
@@ -448,7 +449,7 @@ class Multirotor6DOF(Vehicle):
             thrust += p.k_f * gain[k] * omega[k] * omega[k] * ratio[k]
             near += ti.static(1.0 / self.count) * ratio[k]
             put(fleet.aux, e, i, at.SPEEDS + k, [omega[k]])
-        put(fleet.state, e, i, QW, [y[3], y[4], y[5], y[6], v[0], v[1], v[2], y[10], y[11], y[12]])
+        move(fleet, e, i, start, way, [y[3], y[4], y[5], y[6], v[0], v[1], v[2], y[10], y[11], y[12]])
         airspeed, power = v_r.norm(), rotors.shaft_power(self.p, p, omega)
         tilt = atan2(ti.sqrt(R[2, 0] * R[2, 0] + R[2, 1] * R[2, 1]), R[2, 2])
         sinking = v_r[2] > self.induced

@@ -401,9 +401,7 @@ class Hull6Dof(Vessel):
             R = rotation_matrix(q)
         store(fleet.derived, e, i, R, R @ linear(nu))
         y = motion.pack(pos, q, nu)
-        for c in ti.static(range(QW, 13)):
-            state[e, i, c] = y[c]
-        move(fleet, e, i, start, way)
+        move(fleet, e, i, start, way, [y[c] for c in ti.static(range(QW, 13))])
         nu_r, nu_m = motion.through_water(self, nu, R, V_c, sums)
         drag = linear(motion.damping_load(self.params.hydrodynamics, p, nu_r, nu_m))
         motion.note(aux, e, i, D, change, nu_dot, linear(up), drag, linear(blown))
