@@ -72,7 +72,7 @@ def everything(task: Formation, envs: list[int]) -> dict[str, Tensor]:
         "time": world.time,
         "sea": world.env_sea,
         "world": task.env_world,
-        "progress": task.targets.progress,
+        "progress": task.teams["usv"].targets.progress,
         "steps": task.steps,
     }
     for name, team in task.teams.items():

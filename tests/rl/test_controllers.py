@@ -47,7 +47,7 @@ def fly(task: Formation, team: str, seconds: float) -> tuple[Tensor, Tensor]:
 def put(task: Formation, team: str, away: Tensor, heading: float = 0.0) -> None:
     """Put vehicles `away` [env, vehicle, 2] (ahead, starboard, m) of undisturbed slots, `heading` off course."""
     side = task.teams[team]
-    place = task.tracks.at(task.env_world, task.targets.progress)
+    place = task.tracks.at(task.env_world, side.targets.progress)
     offset = side.offsets + away
     c, s = place.course.cos()[:, None], place.course.sin()[:, None]
     state = torch.zeros_like(side.fleet.state)
@@ -122,7 +122,7 @@ def test_avoids_an_obstacle_in_its_way(team, monkeypatch):
     def smallest_gap() -> float:
         task = make(team, *CALM, f"{team}.count=1")
         put(task, team, torch.zeros(4, 1, 2))
-        ahead = task.tracks.at(task.env_world, task.targets.progress + 80.0)
+        ahead = task.tracks.at(task.env_world, task.teams[team].targets.progress + 80.0)
         rest = torch.tensor([5.0, 90.0]).expand(4, 2)  # radius and height
         task.obstacles = torch.cat((ahead.position, rest), dim=1).unsqueeze(1)
         gap, _ = fly(task, team, 16.0)

@@ -107,7 +107,7 @@ def test_a_start_is_where_the_episode_begins(shared):
     worlds, starts = torch.tensor([3, 0]), torch.tensor([7, 11])
     shared.reset(torch.tensor([2, 0]), worlds=worlds, starts=starts)
     assert shared.env_world[[2, 0]].equal(worlds)
-    assert shared.targets.progress[[2, 0]].equal(shared.starts.progress[worlds, starts])
+    assert shared.teams["usv"].targets.progress[[2, 0]].equal(shared.starts.progress[worlds, starts])
     for name in TEAMS:
         expected = shared.starts.states[name][worlds, starts].clone()
         here = state(shared, name)[[2, 0]]

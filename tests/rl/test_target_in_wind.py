@@ -106,11 +106,12 @@ def test_the_target_moves_and_turns_as_it_says(windy):
     """Its place and course one interval later."""
     windy.reset()
     dt = windy.config.decision_interval
-    before, target = windy.targets.progress.clone(), windy.teams["uav"].target
+    before, target = windy.teams["uav"].targets.progress.clone(), windy.teams["uav"].target
     target = Target(target.table.clone(), target.position.clone())
     windy.step(still(windy))
     later = windy.teams["uav"].target
-    torch.testing.assert_close(windy.targets.progress - before, target.speed[:, 0] * dt, atol=1e-3, rtol=0)
+    gone = windy.teams["uav"].targets.progress - before
+    torch.testing.assert_close(gone, target.speed[:, 0] * dt, atol=1e-3, rtol=0)
     moved = (later.position - target.position)[:, :2].norm(dim=1)
     torch.testing.assert_close(moved, target.speed[:, 0] * dt, atol=0.02, rtol=0)
     turned = torch.remainder(later.course - target.course + math.pi, 2 * math.pi) - math.pi
@@ -126,7 +127,7 @@ def test_over_ground_the_wind_is_nothing_to_the_target():
         task.reset(worlds=torch.arange(4), starts=torch.arange(4))
         task.step(still(task))
         assert (task.teams["uav"].target.speed == task.config.track.target_speed).all()
-    assert calm.targets.progress.equal(windy.targets.progress)
+    assert calm.teams["uav"].targets.progress.equal(windy.teams["uav"].targets.progress)
     assert calm.teams["uav"].target.course_rate.equal(windy.teams["uav"].target.course_rate)
 
 
@@ -136,7 +137,7 @@ def test_in_a_calm_air_and_ground_are_one():
         task.reset(worlds=torch.arange(4), starts=torch.arange(4))
         for _ in range(3):
             task.step(still(task))
-    torch.testing.assert_close(ground.targets.progress, air.targets.progress)
+    torch.testing.assert_close(ground.teams["uav"].targets.progress, air.teams["uav"].targets.progress)
     torch.testing.assert_close(ground.teams["uav"].observe(), air.teams["uav"].observe(), atol=1e-5, rtol=0)
 
 

@@ -57,7 +57,7 @@ def sail(task: Formation, seconds: float, policy: ClassicalPolicy | None = None)
 def put(task: Formation, speed: float = SPEED, heading: float = 0.0) -> None:
     """Put vehicles in undisturbed slots at `speed`, `heading` off course."""
     team = task.teams["usv"]
-    place = task.tracks.at(task.env_world, task.targets.progress)
+    place = task.tracks.at(task.env_world, task.teams["usv"].targets.progress)
     c, s = place.course.cos()[:, None], place.course.sin()[:, None]
     state = torch.zeros_like(team.fleet.state)
     state[..., 0] = place.position[:, :1] + c * team.offsets[..., 0] - s * team.offsets[..., 1]
@@ -249,7 +249,7 @@ def test_avoids_an_obstacle_in_its_way(vehicle, monkeypatch):
     def run() -> tuple[Tensor, Tensor]:
         task = make(*CALM, "usv.count=1", vehicle=vehicle)
         put(task)
-        ahead = task.tracks.at(task.env_world, task.targets.progress + 40.0)
+        ahead = task.tracks.at(task.env_world, task.teams["usv"].targets.progress + 40.0)
         rest = torch.tensor([3.0, 10.0]).expand(4, 2)  # radius and height
         task.obstacles = torch.cat((ahead.position, rest), dim=1).unsqueeze(1).to(task.obstacles).contiguous()
         distances, gaps = sail(task, 90.0)

@@ -1,7 +1,7 @@
 """Configuration of the formation mission, besides world, stages and evaluation."""
 
 from collections.abc import Mapping
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import Field, model_validator
 
@@ -16,6 +16,17 @@ from rl.scenario import Evaluation, Scenario
 from taichi_sim.config import Fraction, NonNegative, Ordered, Positive, Strict, TeamConfig
 
 
+TargetSpeed = Annotated[float, Field(gt=0, le=100)]
+SpeedOver = Literal["ground", "air"]
+
+
+class Pace(NamedTuple):
+    """How fast the target of a team moves along its track."""
+
+    speed: float  # m/s
+    over: SpeedOver  # over ground, or through the air at the flight height
+
+
 class TrackConfig(Strict):
     """The closed tracks that the targets move along; one per world."""
 
@@ -24,8 +35,8 @@ class TrackConfig(Strict):
     checkpoints: Annotated[int, Field(ge=4, le=200)] = 22
     min_radius: Annotated[float, Field(ge=10, le=10_000)] = 100.0  # smallest radius of curvature, m
     flight_height: Annotated[float, Field(gt=0, le=1000)] = 60.0  # of the UAV target above mean sea level, m
-    target_speed: Annotated[float, Field(gt=0, le=100)] = 12.0  # of both targets along their tracks, m/s
-    speed_over: Literal["ground", "air"] = "ground"  # target_speed is over ground, or through the air at flight height
+    target_speed: TargetSpeed = 12.0  # of targets along their tracks, m/s; a team may have its own
+    speed_over: SpeedOver = "ground"  # target_speed is over ground, or through the air at flight height
 
 
 class ObstacleConfig(Strict):
@@ -70,7 +81,7 @@ class FormationConfig(Strict):
     shapes: Annotated[tuple[Shape, ...], Field(min_length=1)] | None = None  # drawn anew for episodes and changes
     spacing_range: SpacingRange | None = None  # m, range of spacings drawn likewise; default: spacing
     change_every: Positive | None = None  # s between changes; default: no change in an episode
-    glide: Positive | None = None  # m/s of a slot to its new place; default: 15 % of track.target_speed; assumed
+    glide: Positive | None = None  # m/s of a slot to its new place; default: 15 % of the target's speed; assumed
 
     @model_validator(mode="before")
     @classmethod
@@ -83,6 +94,8 @@ class FormationTeam(TeamConfig):
 
     formation: FormationConfig = FormationConfig()
     spacing: Spacing = 15.0  # between neighbours, m
+    target_speed: TargetSpeed | None = None  # m/s; default: track.target_speed
+    speed_over: SpeedOver | None = None  # default: track.speed_over
     start_distance: NonNegative = 30.0  # leaders start within this distance of the target, m
     lost_distance: Positive = 150.0  # a vehicle this far from its slot is lost and ends the episode, m
     residual: ResidualConfig | None = None
@@ -144,11 +157,17 @@ class FormationScenario(Scenario):
         """Sections of the teams."""
         return dict(self.__pydantic_extra__ or {})
 
+    def pace(self, team: str) -> Pace:
+        """Speed of a team's target."""
+        section = self.formations[team]
+        return Pace(section.target_speed or self.track.target_speed, section.speed_over or self.track.speed_over)
+
     @model_validator(mode="after")
     def _fits(self):
-        if self.track.speed_over == "air" and self.air.speed is None and self.air.beaufort is None:
+        over_air = "air" in {self.track.speed_over, *(team.speed_over for team in self.formations.values())}
+        if over_air and self.air.speed is None and self.air.beaufort is None:
             raise ValueError(
-                "track.speed_over = 'air' needs a wind: [air] gives neither speed nor beaufort (speed = 0 is calm)"
+                "speed_over = 'air' needs a wind: [air] gives neither speed nor beaufort (speed = 0 is calm)"
             )
         half = self.area / 2
         for i, o in enumerate(self.obstacles.fixed):

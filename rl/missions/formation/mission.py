@@ -47,7 +47,7 @@ class TeamTask(ResidualTeam):
     The class implements `Knowledge` (rl/guidance/knowledge.py) with the true values.
 
     Attributes:
-        target: what its leader tracks. now: errors as of the last step or reset (geometry.py).
+        targets: of all environments, on their tracks. target: what its leader tracks. now: errors as of the last step or reset (geometry.py).
         known: what its vehicles know, the input of policies and controllers: the team itself, or
             `MeasuredFormation`.
         observations: writes what its policy observes. sensor: true obstacles and team mates.
@@ -62,11 +62,12 @@ class TeamTask(ResidualTeam):
     def __init__(self, mission: "Formation", name: str, targets: Targets):
         """Make team `name`, which holds formation behind `targets`; those of aircraft are at the flight height."""
         super().__init__(mission, name)
+        self.targets = targets
         state, model, config = self.fleet.state, self.fleet.model, mission.config
         flies = model.medium == "air"
         down = -config.track.flight_height if flies else 0.0
         self.axes, self.radius = 3 if flies else 2, model.collision_radius
-        glide = self.section.formation.glide or GLIDE_SHARE * config.track.target_speed
+        glide = self.section.formation.glide or GLIDE_SHARE * config.pace(name).speed
         interval, steps = config.decision_interval, config.episode_steps
         self.slots = Slots(self.section, state, interval=interval, glide=glide, steps=steps)
         self.offsets, self.slot_table = self.slots.offsets, self.slots.table
@@ -165,7 +166,7 @@ class Formation(Mission[FormationScenario, TeamTask]):
     Attributes:
         tracks, obstacles, starts: of every world; obstacles [world, n, 4] north, east, radius, height, m.
         bodies: moving obstacles (rl/course/obstacles.py).
-        env_world: int64 [env], world of each environment. targets: of the leaders.
+        env_world: int64 [env], world of each environment. targets: of the leaders, by their pace.
         wind_factor: mean wind at the flight height over that at 10 m.
     """
 
@@ -199,17 +200,21 @@ class Formation(Mission[FormationScenario, TeamTask]):
             far = self.obstacles.new_tensor([1e6, 1e6, 1.0, 1.0])
             self.obstacles = far.expand(self.tracks.worlds, 1, 4).contiguous()
         self.env_world = torch.zeros(self.num_envs, dtype=torch.int64, device=run.device)
-        self.targets = Targets(
-            self.tracks, self.env_world, self.world.wind.velocity, speed=config.track.target_speed,
-            interval=config.decision_interval, wind_factor=self.wind_factor, over_air=config.track.speed_over == "air",
-        )  # fmt: skip
-        return {name: TeamTask(self, name, self.targets) for name in names}
+        self.targets = {
+            pace: Targets(
+                self.tracks, self.env_world, self.world.wind.velocity, speed=pace.speed,
+                interval=config.decision_interval, wind_factor=self.wind_factor, over_air=pace.over == "air",
+            )
+            for pace in map(config.pace, names)
+        }  # fmt: skip
+        return {name: TeamTask(self, name, self.targets[config.pace(name)]) for name in names}
 
     # -- one step --------------------------------------------------------------------------------------------------
 
     def measure(self) -> None:
         """Move targets and slots; then measure errors and surroundings of every vehicle."""
-        self.targets.move(self.which, self.num_envs)
+        for targets in self.targets.values():
+            targets.move(self.which, self.num_envs)
         self.bodies.move(self.config.decision_interval, self.world.current.velocity)
         for team in self.teams.values():
             team.slots.advance(self.steps)
@@ -250,15 +255,16 @@ class Formation(Mission[FormationScenario, TeamTask]):
         worlds = self.draw(self.tracks.worlds, n) if worlds is None else worlds
         starts = self.draw(PER_WORLD, n) if starts is None else starts
         self.env_world[envs] = worlds
-        self.targets.progress[envs] = self.starts.progress[worlds, starts]
+        for targets in self.targets.values():
+            targets.progress[envs] = self.starts.progress[worlds, starts]
+            targets.move(self.which, n)
         self.bodies.begin(envs, worlds, starts, self.world.current.velocity)
-        self.targets.move(self.which, n)
         aloft = self.world.wind.velocity.index_select(0, envs)[:, :2] * self.wind_factor  # at the flight height
         for name, team in self.teams.items():
             state = self.starts.states[name][worlds, starts].to(team.fleet.state)
-            if self.config.track.speed_over == "air":
-                over_ground, airspeed = team.target.speed[envs, 0], self.config.track.target_speed
-                state = in_wind(state, aloft, over_ground, airspeed, team.fleet.model)
+            pace = self.config.pace(name)
+            if pace.over == "air":
+                state = in_wind(state, aloft, team.target.speed[envs, 0], pace.speed, team.fleet.model)
             self.world.place(name, envs, state)
             team.slots.begin(envs, self.starts.formations[name].at(worlds, starts), self.generator)
 
@@ -383,7 +389,7 @@ class ImaginedFormation(Formation):
         mine, known = self.teams[team.name], team.known
         self.steps.copy_(team.mission.steps)
         self.env_world.copy_(team.mission.env_world)
-        transfer(team.mission.targets, self.targets)
+        transfer(team.targets, mine.targets)
         transfer(team.slots, mine.slots)
         everywhere, theirs = torch.arange(self.num_envs, device=self.steps.device), team.mission.world
         self.world.wind.set_mean(everywhere, theirs.wind.mean)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from rl.course.obstacles import ROWS, Cylinder, Span, Traffic, generate_obstacles
+from rl.course.obstacles import HEIGHT_BAND_M, ROWS, Cylinder, Span, Traffic, generate_obstacles
 from rl.course.tracks import Tracks, generate_tracks
 from rl.guidance.geometry import LEAST_SHARE, crab, strongest_wind
 from rl.guidance.shapes import lane_half_width
@@ -35,6 +35,7 @@ HEIGHT_SPREAD = 0.07  # of the flight height, standard deviation of UAV start he
 LARGEST_DROP = 0.3  # of the flight height
 MAX_DRAWS = 50  # of places for a start
 MARGIN = 3.0  # m from obstacles, beyond the collision radius; between mates too, or half the room of their slots
+ROUNDING = 1e-3  # m, of heights in single precision
 PULLS = (1.0, 0.5, 0.25, 0.0)  # shares of the random offsets that are tried, in order
 TURNING_TIME = 3.0  # s that vehicles which cannot stop are given to turn away from each other; assumed
 CLEAR_TIME = 3.0  # s for which a vehicle that goes straight on meets no obstacle: room for an evasion; assumed
@@ -74,19 +75,21 @@ def draw_starts(
     # Drawn once: if they were drawn again with each place, shapes that seldom fit would be rare.
     formations = {t: draw_formations(config.formations[t], shape, generator) for t in models}
     missing = torch.ones(shape, dtype=torch.bool)
-    fastest = config.track.target_speed
-    if config.track.speed_over == "air":
-        fastest += strongest_wind(config, config.track.flight_height)
+    paces, wind = {team: config.pace(team) for team in models}, strongest_wind(config, config.track.flight_height)
+    fastest = {team: pace.speed + (wind if pace.over == "air" else 0.0) for team, pace in paces.items()}
+    clear_of = config.track.flight_height - HEIGHT_BAND_M
+    low = bool((obstacles[..., Cylinder.HEIGHT] <= clear_of + ROUNDING).all())  # nobody who flies can meet them
+    met = {t: obstacles[:, :0] if low and model.medium == "air" else obstacles for t, model in models.items()}
     for _ in range(MAX_DRAWS):
         drawn = torch.rand(shape, generator=generator) * tracks.length_m.unsqueeze(1)
         place = tracks.at(world, drawn)
         clear, fresh = missing.clone(), {}
         for team, model in models.items():
-            fresh[team], fits = _team_states(config, team, model, formations[team], place, obstacles, generator)
+            fresh[team], fits = _team_states(config, team, model, formations[team], place, met[team], generator)
             clear &= fits
             if not model.limits.stops:
                 clear &= _pass_clear(fresh[team], 2 * (model.collision_radius + MARGIN))
-                clear &= _free(fresh[team], obstacles, fastest)
+                clear &= _free(fresh[team], met[team], fastest[team])
         progress = torch.where(clear, drawn, progress)
         for team in models:
             states[team] = torch.where(clear[..., None, None], fresh[team], states[team])
@@ -163,7 +166,7 @@ def _team_states(config, team, model, formation: Drawn, place, obstacles, genera
     level = torch.zeros_like(heading)
     state[..., QUATERNION] = torch_quaternion_from_euler(level, level, heading)
     low, high = SPEED_RANGE
-    state[..., SURGE] = config.track.target_speed * (low + (high - low) * uniform(*shape[:2], 1))
+    state[..., SURGE] = config.pace(team).speed * (low + (high - low) * uniform(*shape[:2], 1))
     return state, clear & _way_clear(state, obstacles, margin)
 
 
@@ -253,34 +256,36 @@ def generate_worlds(config: FormationScenario, seed: int) -> tuple[Tracks, Tenso
     return tracks, obstacles
 
 
-def traffic_of(config: FormationScenario, places: Mapping[str, Tensor]) -> Traffic:
+def traffic_of(config: FormationScenario, places: Mapping[str, Tensor], speed: float) -> Traffic:
     """Parameters of a scenario's traffic: in each medium, the moving share of the obstacles that a team would meet.
 
-    places: medium -> slots of a team there [world, start, vehicle, 2], m.
+    Args:
+        config: the scenario. places: medium -> slots of a team there [world, start, vehicle, 2], m. speed: of the
+            slowest target, m/s.
 
     Raises:
         ConfigError: if a team would meet more than MOST_MET.
     """
     track, cylinders = config.track, config.obstacles
-    met = cylinders.count * config.episode_duration * track.target_speed / track.length
+    met = cylinders.count * config.episode_duration * speed / track.length
     if cylinders.moving_fraction * met > MOST_MET:
         raise ConfigError(
             f"obstacles.moving_fraction = {cylinders.moving_fraction:g}: a team that passes {met:.4g} obstacles in "
-            f"episode_duration = {config.episode_duration:g} s at track.target_speed = {track.target_speed:g} m/s "
+            f"episode_duration = {config.episode_duration:g} s at target_speed = {speed:g} m/s "
             f"would meet {cylinders.moving_fraction * met:.4g} moving ones, allowed are {MOST_MET}"
         )
     radius = cylinders.radius_min, cylinders.radius_max
     top = track.flight_height + FLYING_SPAN
     heights = {"water": (0.0, VESSEL_TOPS), "air": (track.flight_height - FLYING_SPAN, (top, top))}
     nominal = nominal_conditions(config)
-    heading, speed = math.radians(nominal["sea.current.direction_deg"]), nominal["sea.current.speed"]
+    heading, drift = math.radians(nominal["sea.current.direction_deg"]), nominal["sea.current.speed"]
     return Traffic(
         count=math.ceil(cylinders.moving_fraction * met) if config.episode_duration > SHORTEST else 0,
         spans=tuple(Span(*heights[medium], radius, there) for medium, there in places.items()),
         drifting=cylinders.drifting_fraction, overtaking=cylinders.overtaking_fraction,
         speed=(cylinders.speed_min, cylinders.speed_max),
-        current=(speed * math.cos(heading), speed * math.sin(heading)), duration=config.episode_duration,
-        team_speed=track.target_speed,
+        current=(drift * math.cos(heading), drift * math.sin(heading)), duration=config.episode_duration,
+        team_speed=speed,
     )  # fmt: skip
 
 
@@ -297,7 +302,7 @@ def draw_traffic(
     for name, model in models.items():
         offsets = offsets_of(unit_offsets(config.formations[name]), starts.formations[name])
         places.setdefault(model.medium, offsets.float())
-    traffic = traffic_of(config, places)
+    traffic = traffic_of(config, places, min(config.pace(name).speed for name in models))
     if not traffic.bodies:
         return torch.zeros((*starts.progress.shape, ROWS, 0))
     for name, model in models.items():
@@ -323,6 +328,9 @@ def check_teams(config: FormationScenario, models: Mapping[str, Vehicle]) -> Non
     Raises:
         ConfigError: naming the key, and the numbers.
     """
+    for name, model in models.items():
+        if config.formations[name].speed_over == "air" and model.medium != "air":
+            raise ConfigError(f"{name}.speed_over = 'air': {name} does not fly; it needs 'ground'")
     if config.track.speed_over == "air" and not any(model.medium == "air" for model in models.values()):
         raise ConfigError(
             f"track.speed_over = 'air': only {', '.join(models)} is simulated, and nothing flies; it needs 'ground'"
@@ -344,10 +352,10 @@ def check_teams(config: FormationScenario, models: Mapping[str, Vehicle]) -> Non
                     f"{most:g} m apart) reaches {reach:.3g} m to the side of its leader: slots on the inside of the "
                     "tightest bends would stand still or go backwards"
                 )
-        _check_flyable(config, f"{name}.vehicle = {section.vehicle!r}", model)
+        _check_flyable(config, name, f"{name}.vehicle = {section.vehicle!r}", model)
 
 
-def _check_flyable(config: FormationScenario, vehicle: str, model: Vehicle) -> None:
+def _check_flyable(config: FormationScenario, name: str, vehicle: str, model: Vehicle) -> None:
     """Refuse a track that `model`, of the file `vehicle`, cannot follow; a vehicle that can stop follows any track.
 
     Over ground, the target's speed v needs airspeeds from v - w to v + w. Through the air, its airspeed V_a makes
@@ -357,13 +365,13 @@ def _check_flyable(config: FormationScenario, vehicle: str, model: Vehicle) -> N
     low, cruise, high = model.limits.speeds
     if model.limits.stops or math.isinf(high):
         return
-    track = config.track
-    speed, wind = track.target_speed, strongest_wind(config, track.flight_height)
-    most = speed + wind if track.speed_over == "air" else speed
-    needed = (speed, speed) if track.speed_over == "air" else (speed - wind, speed + wind)
-    key = f"track.target_speed = {speed} over {track.speed_over}"
+    track, (speed, over) = config.track, config.pace(name)
+    wind = strongest_wind(config, track.flight_height)
+    most = speed + wind if over == "air" else speed
+    needed = (speed, speed) if over == "air" else (speed - wind, speed + wind)
+    key = f"{'track' if config.formations[name].target_speed is None else name}.target_speed = {speed} over {over}"
     blows = f"a wind of up to {wind:.3g} m/s at track.flight_height = {track.flight_height}"
-    if track.speed_over == "air" and wind > (1 - LEAST_SHARE) * speed:
+    if over == "air" and wind > (1 - LEAST_SHARE) * speed:
         raise ConfigError(f"{key}: {blows} leaves less than {LEAST_SHARE * speed:.3g} m/s over ground against it")
     if not low <= needed[0] <= needed[1] <= high:
         airspeeds = f"airspeeds from {needed[0]:.3g} to {needed[1]:.3g} m/s, in {blows}"
