@@ -15,7 +15,6 @@ from rl.planning.planner import PlanConfig
 from rl.scenario import Evaluation, Scenario
 from taichi_sim.config import Fraction, NonNegative, Ordered, Positive, Strict, TeamConfig
 
-
 TargetSpeed = Annotated[float, Field(gt=0, le=100)]
 SpeedOver = Literal["ground", "air"]
 

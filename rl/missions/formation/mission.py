@@ -47,7 +47,8 @@ class TeamTask(ResidualTeam):
     The class implements `Knowledge` (rl/guidance/knowledge.py) with the true values.
 
     Attributes:
-        targets: of all environments, on their tracks. target: what its leader tracks. now: errors as of the last step or reset (geometry.py).
+        targets: of all environments, on their tracks. target: what its leader tracks.
+        now: errors as of the last step or reset (geometry.py).
         known: what its vehicles know, the input of policies and controllers: the team itself, or
             `MeasuredFormation`.
         observations: writes what its policy observes. sensor: true obstacles and team mates.
