@@ -19,8 +19,9 @@ from test_recording import make_episode
 from taichi_sim.commands import fit as command
 from taichi_sim.config import TeamConfig
 from taichi_sim.config.io import vehicle_file
+from taichi_sim.fit import estimate
 from taichi_sim.fit.dependence import spreads
-from taichi_sim.fit.estimate import Fit, Start, Tested, _directions, _given_the_rest, fit
+from taichi_sim.fit.estimate import Fit, Start, _directions, _given_the_rest, fit
 from taichi_sim.fit.log import read_columns, read_log
 from taichi_sim.fit.samples import inspected
 from taichi_sim.fit.search import delayed
@@ -680,7 +681,8 @@ def _unfitted(vehicle, logs, priors, changes=None, tests=(), **_):
     return Fit(
         keys, nominal, nominal, 0.9 * nominal, 1.1 * nominal, ones > 0, np.eye(n), np.ones(4), np.ones(4),
         np.zeros((len(logs), 2)), np.zeros((len(logs), 3)), np.ones((len(logs), 3)), [], 1.0, 1.0, 1, {}, [], [],
-        [Start(0 * ones, 0.0)], 1, 0.0, [Tested(log, np.zeros(2), np.ones(4), np.ones(4), []) for log in tests],
+        [Start(0 * ones, 0.0)], 1, 0.0,
+        [estimate.Tested(log, np.zeros(2), np.ones(4), np.ones(4), []) for log in tests],
     )  # fmt: skip
 
 

@@ -44,6 +44,7 @@ from taichi_sim.fit.log import Log, read_columns, read_log
 from taichi_sim.fit.samples import SENSORS
 from taichi_sim.fit.synthetic import write_logs
 from taichi_sim.fit.table import CHANNELS, Source
+from taichi_sim.fit.windows import SECONDS, window_seconds
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rigid_body import changed_mass
 from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof
@@ -331,7 +332,8 @@ def parser() -> argparse.ArgumentParser:
                    help=f"how well it is known beforehand [{PRIOR:g}; mass {PRIORS['mass']:g}]")  # fmt: skip
     p.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE",
                    help="override KEY or SECTION.KEY of the vehicle file; several times")  # fmt: skip
-    p.add_argument("--window", type=float, default=6.0, metavar="S", help="length of a simulated window [6]")
+    p.add_argument("--window", type=float, metavar="S",
+                   help=f"length of a simulated window [{SECONDS:g}, longer where a sensor is slow]")  # fmt: skip
     p.add_argument("--starts", type=int, default=STARTS, metavar="N",
                    help=f"searches, all but one from draws of the priors [{STARTS}]")  # fmt: skip
     p.add_argument("--test", action="append", type=Path, default=[], metavar="LOG",
@@ -391,7 +393,10 @@ def run(args: argparse.Namespace) -> None:
     for log in every:
         for note in log.notes:
             print(f"{log.name}: {note}", flush=True)
-    found = fit(args.vehicle, logs, priors, seconds=args.window, starts=args.starts, tests=tests, changes=changes)
+    seconds = args.window or window_seconds(logs)
+    if args.window is None and seconds > SECONDS:
+        print(f"a sensor is slow: windows of {seconds:g} s", flush=True)
+    found = fit(args.vehicle, logs, priors, seconds=seconds, starts=args.starts, tests=tests, changes=changes)
     print("\n".join([f"{args.vehicle}, {len(logs)} logs", *lines(found, logs)]))
     if args.report is not None:
         from taichi_sim.commands.fit_page import page_of  # matplotlib takes a second
@@ -408,8 +413,9 @@ def main(argv: list[str] | None = None) -> int:
     p = parser()
     args = p.parse_intermixed_args(argv)  # options may stand between VEHICLE and the logs
     for name, low, high in (("window", 1.0, 600.0), ("count", 1, 1000), ("seed", 0, 2**31 - 1), ("starts", 1, 64)):
-        if not low <= getattr(args, name) <= high:
-            p.error(f"--{name} {getattr(args, name):g}: allowed are {low:g} to {high:g}")
+        value = getattr(args, name)
+        if value is not None and not low <= value <= high:
+            p.error(f"--{name} {value:g}: allowed are {low:g} to {high:g}")
     runtime.init(precision="f64", threads=1)
     try:
         run(args)

@@ -40,7 +40,16 @@ from taichi_sim.fit.search import (
     side_by_side,
 )  # fmt: skip
 from taichi_sim.fit.table import CHANNELS, Array, LogError
-from taichi_sim.fit.windows import Window, WindowSimulator, check_against, cut, first_state, lead_steps, windows_of
+from taichi_sim.fit.windows import (
+    Window,
+    WindowSimulator,
+    check_against,
+    cut,
+    first_state,
+    lead_steps,
+    window_seconds,
+    windows_of,
+)
 from taichi_sim.kernels import runtime
 
 SHORT = 0.5  # length of the windows that are fitted first, over the full length
@@ -263,7 +272,7 @@ def fit(
     logs: Sequence[Log],
     priors: Mapping[str, float],
     *,
-    seconds: float = 6.0,
+    seconds: float | None = None,
     starts: int = STARTS,
     tests: Sequence[Log] = (),
     changes: Mapping | None = None,
@@ -274,7 +283,7 @@ def fit(
         vehicle: a file or a name, which holds the first guess.
         logs: logs from `read_log`.
         priors: key -> prior standard deviation of the number's logarithm.
-        seconds: length of a window.
+        seconds: length of a window; None: the usual one (window_seconds).
         starts: number of searches: one from the file's numbers, the others from draws of the priors.
         tests: logs that are simulated by the fitted numbers, but not fitted.
         changes: changed keys of the vehicle file (load_vehicle).
@@ -287,6 +296,7 @@ def fit(
         raise ConfigError("a fit needs double precision: runtime.init(precision='f64')")
     keys, prior = tuple(priors), np.array(list(priors.values()))
     simulator = WindowSimulator(vehicle, keys, logs[0].interval, changes)
+    seconds = window_seconds(logs) if seconds is None else seconds
     for test in tests:  # what is wrong with them is told before the search
         if test.interval != logs[0].interval:
             windows_of([logs[0], test], seconds)

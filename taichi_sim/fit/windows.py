@@ -15,6 +15,8 @@ from taichi_sim.fit.table import EAST, HEADING, NORTH, YAW_RATE, Array, LogError
 from taichi_sim.usv.vessel import Vessel
 from taichi_sim.vehicles import load_vehicle
 
+SECONDS = 6.0  # usual length of a window
+SAMPLES = 12  # new samples of the slowest sensor that a usual window has
 LEAD = 1.0  # s before a window, in which its actuators reach the commanded settings
 STEP = 0.02  # s, longest physics step
 EARLY = 0.05  # of an interval: a sample that comes this much after its step of the grid counts as of that step
@@ -75,6 +77,17 @@ def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
             )
         raise LogError(f"{names}: no log has {seconds:g} s without a gap: give a shorter --window")
     return found
+
+
+def window_seconds(logs: Sequence[Log]) -> float:
+    """Usual length of a window, s: longer where a sensor is slow, as far as the logs have parts of that length.
+
+    The first state of each window is estimated from its samples alone. With few of them its errors bias the numbers,
+    for the dynamics are not linear in it.
+    """
+    slowest = max(float(np.median(np.diff(log.t[new]))) if new.sum() > 1 else 0.0 for log in logs for new in log.new.T)
+    longest = max(log.t[part][-1] - log.t[part][0] for log in logs for part in log.parts)
+    return max(SECONDS, min(SAMPLES * slowest, float(longest) - LEAD - 2 * logs[0].interval))
 
 
 def lead_steps(interval: float) -> int:
