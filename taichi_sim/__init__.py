@@ -31,6 +31,8 @@ for _name, _scenario, _team, _other in (
     ("UavFormation", "paper", "uav", "absent"),
     ("OtterFormation", "otter", "usv", "absent"),
     ("AerosondeFormation", "aerosonde", "uav", "absent"),
+    ("CruiseUsv", "cruise", "usv", "absent"),
+    ("CruiseUav", "cruise", "uav", "absent"),
     ("EscortUsv", "escort", "usv", "absent"),  # scripted scouts replace the aircraft
     ("EscortUav", "escort", "uav", "classical"),  # its reward depends on what boats do with the messages
     ("LandingUav", "landing", "uav", "absent"),  # a helm holds the boat's course

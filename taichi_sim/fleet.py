@@ -182,6 +182,11 @@ class Fleet(Views):
         self.position_n.copy_(place)
         self.remainder.copy_(place - self.position_n)
 
+    def _copy_last(self) -> None:
+        """Give the last vehicle's remainder to its copies in a group (abreast.py), which write its state, too."""
+        last = self.num_envs * self.count
+        self._rests[:, last:] = self._rests[:, last - 1 : last]
+
     # -- kernels ---------------------------------------------------------------------------------------------------
 
     @property
@@ -206,6 +211,7 @@ class Fleet(Views):
 
     def restored(self) -> None:
         """Rebuild the packs after numbers or loads were restored."""
+        self._copy_last()
         members = self._pack.members
         if members["numbers"] is not (self._unused if self._numbers is None else self._numbers) or (
             members["load"] is not (self._unused if self._load is None else self._load)
@@ -231,6 +237,7 @@ class Fleet(Views):
 
     def update(self, envs: Tensor | None = None) -> None:
         """Recompute derived quantities in environments `envs` (default: all) after writing to `state` by hand."""
+        self._copy_last()
         if envs is None:
             self._which.fill_(1)
         else:
