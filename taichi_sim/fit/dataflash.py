@@ -134,6 +134,8 @@ def _warn_of_damage(file: Path, log: Any) -> None:
     """Warn of bytes that belong to no message: in the middle, or an end in the middle of a message."""
     found = [(np.asarray(at, dtype=np.int64), log.formats[number].len)
              for number, at in enumerate(log.offsets) if len(at) and number in log.formats]  # fmt: skip
+    if not found:
+        return
     begin, end = np.concatenate([at for at, _ in found]), np.concatenate([at + size for at, size in found])
     order = np.argsort(begin)
     begin, end = begin[order], end[order]

@@ -17,7 +17,7 @@ REACH = 40.0
 
 def team(positions: Tensor, psi: float = 0.0) -> Fleet:
     """Vehicles at `positions` [env, vehicle, 3], all heading `psi`."""
-    vehicles = Fleet("uav", SimpleNamespace(aux_size=1, action_names=()), *positions.shape[:2])
+    vehicles = Fleet("uav", SimpleNamespace(aux_size=1, action_names=(), dt=0.1), *positions.shape[:2])
     vehicles.state[..., :3] = positions
     vehicles.state[..., 3], vehicles.state[..., 6] = math.cos(psi / 2), math.sin(psi / 2)
     vehicles.update()

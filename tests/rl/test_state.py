@@ -35,6 +35,8 @@ SCENARIOS = {
 SCRATCH = (
     "._wanted",
     ".members['turns']",
+    ".members['remainder']",  # of copies of a group's last vehicle; those of vehicles are `Fleet.remainder`
+    ".members['rests']",
     "._which",
     ".marker._drawn",
     ".members['way']",

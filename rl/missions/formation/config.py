@@ -163,10 +163,11 @@ class FormationScenario(Scenario):
 
     @model_validator(mode="after")
     def _fits(self):
-        over_air = "air" in {self.track.speed_over, *(team.speed_over for team in self.formations.values())}
+        over = {"track": self.track.speed_over, **{name: team.speed_over for name, team in self.formations.items()}}
+        over_air = next((name for name, what in over.items() if what == "air"), None)
         if over_air and self.air.speed is None and self.air.beaufort is None:
             raise ValueError(
-                "speed_over = 'air' needs a wind: [air] gives neither speed nor beaufort (speed = 0 is calm)"
+                f"{over_air}.speed_over = 'air' needs a wind: [air] gives neither speed nor beaufort (speed = 0 is calm)"
             )
         half = self.area / 2
         for i, o in enumerate(self.obstacles.fixed):
