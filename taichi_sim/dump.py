@@ -31,6 +31,7 @@ class Dump:
     aux: dict[str, Tensor]  # team -> [vehicle, n]
     actions: dict[str, Tensor]  # team -> [vehicle, action]
     fault: str
+    remainders: dict[str, Tensor] = field(default_factory=dict)  # team -> [vehicle, 3] of positions (position.py)
     vary: dict[str, dict[str, Tensor]] = field(default_factory=dict)  # team -> key -> [vehicle], if numbers vary
     loads: dict[str, Tensor] = field(default_factory=dict)  # team -> [vehicle, 6], if loads from outside are in use
     touch: dict[str, dict[str, Tensor]] = field(default_factory=dict)  # team -> name of Touch.STATE -> [vehicle, n]

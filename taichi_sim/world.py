@@ -206,7 +206,10 @@ class World(Stateful):
         self.sea.phases(self.env_sea, self.time, out=self._phase)
         before, touch = {}, {}
         if self.dump_folder:
-            before = {name: (fleet.state.clone(), fleet.aux.clone()) for name, fleet in self.teams.items()}
+            before = {
+                name: (fleet.state.clone(), fleet.aux.clone(), fleet.remainder.clone())
+                for name, fleet in self.teams.items()
+            }
             touch = self.contacts.remembered()
         self._move(checked)
         if self.dump_folder:
@@ -310,6 +313,7 @@ class World(Stateful):
                     wind=self.around.wind[env].clone(),
                     states={key: value[0][env].clone() for key, value in before.items()},
                     aux={key: value[1][env].clone() for key, value in before.items()},
+                    remainders={key: value[2][env].clone() for key, value in before.items()},
                     actions={key: value[env].clone() for key, value in actions.items()},
                     vary={key: {k: v[env] for k, v in f.vary.items()} for key, f in self.teams.items() if f.varied},
                     touch={team: {k: v[env] for k, v in each.items()} for team, each in touch.items()},
@@ -414,6 +418,8 @@ def replay(dump: Dump, source: Path | None = None) -> World:
     world.noise.tick(dump.clock - world.noise.clock)
     for name, fleet in world.teams.items():
         fleet.state[0], fleet.aux[0] = dump.states[name], dump.aux[name]
+        if name in dump.remainders:
+            fleet.remainder[0] = dump.remainders[name]
         if name in dump.vary:
             fleet.set_numbers({key: value.unsqueeze(0) for key, value in dump.vary[name].items()})
         if name in dump.loads:

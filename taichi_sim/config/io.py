@@ -21,6 +21,7 @@ from taichi_sim.config.vary import FIXED_BY, flattened, with_range
 from taichi_sim.config.world import TeamConfig, WorldConfig
 
 Model = TypeVar("Model", bound=Strict)
+DEEPEST = 20  # levels of tables in a file; ours have 5
 ROOM = 1 << 20  # bytes that a disk must take for an output to begin; assumed
 MEASURED = "sea.record"  # stands for a measured spectrum among the alternatives that define a sea
 
@@ -123,11 +124,18 @@ def read_toml(file: Path) -> dict[str, Any]:
     try:
         if Path(file).exists() and not Path(file).is_file():
             raise ConfigError(f"{file}: cannot be read: not a file")
-        return tomllib.loads(Path(file).read_text(encoding="utf-8-sig"))
+        content = tomllib.loads(Path(file).read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{file}: cannot be read: {error}") from None
     except (ValueError, RecursionError) as error:  # ValueError: malformed, or a number of thousands of digits
         raise ConfigError(f"{file}: not valid TOML: {error}") from None
+    level: list[Any] = [content]
+    for _ in range(DEEPEST):
+        inside = (part.values() if isinstance(part, dict) else part for part in level)
+        level = [value for values in inside for value in values if isinstance(value, dict | list)]
+    if level:
+        raise ConfigError(f"{file}: tables inside tables go deeper than {DEEPEST}")
+    return content
 
 
 def refuse_unwritable(place: Path) -> None:

@@ -299,52 +299,68 @@ def few(items: int, each: float = 100.0) -> bool:
     return current().arch == "cpu" and items * each < 2 * WAKE_UP
 
 
-@contextlib.contextmanager
-def own_settings() -> Iterator[None]:
+class own_settings(contextlib.ContextDecorator):  # noqa: N801 (a context, used like a function)
     """Within this context, torch has the settings that this package relies on, whatever the caller's are.
 
     New tensors are float32 and on the CPU unless told otherwise, and can be written in place, also when
     `torch.inference_mode` has ended. Whether gradients are recorded stays as it is. Other threads wait: Taichi compiles
-    in one thread at a time, and these settings are those of the process.
+    in one thread at a time, and these settings are those of the process. Where all is as it should be, entering and
+    leaving take a microsecond.
 
     Raises:
         ProgramError: in a process that was forked from one in which Taichi ran.
     """
-    if _forked:
-        raise ProgramError(FORKED)
-    with _lock:
-        dtype, recorded = torch.get_default_dtype(), torch.is_grad_enabled()
+
+    def _recreate_cm(self) -> "own_settings":
+        return type(self)()  # one for each call of a decorated function
+
+    def __enter__(self) -> None:
+        """Wait for other threads, and change what differs."""
+        if _forked:
+            raise ProgramError(FORKED)
+        _lock.acquire()
+        dtype = torch.get_default_dtype()
         elsewhere = torch._C._len_torch_function_stack() > 0  # a default device is a mode on this stack
-        if dtype is torch.float32 and not elsewhere and not torch.is_inference_mode_enabled():
-            yield
-            return
-        torch.set_default_dtype(torch.float32)
+        self._changed: contextlib.ExitStack | None = None
+        if dtype is not torch.float32 or elsewhere or torch.is_inference_mode_enabled():
+            self._changed = changed = contextlib.ExitStack()
+            recorded = torch.is_grad_enabled()
+            torch.set_default_dtype(torch.float32)
+            changed.callback(torch.set_default_dtype, dtype)
+            changed.enter_context(torch.inference_mode(False))
+            changed.enter_context(torch.set_grad_enabled(recorded))
+            if elsewhere:
+                changed.enter_context(torch.device("cpu"))
+
+    def __exit__(self, *_: object) -> None:
+        """Change it back."""
         try:
-            with (
-                torch.inference_mode(False),
-                torch.set_grad_enabled(recorded),
-                torch.device("cpu") if elsewhere else contextlib.nullcontext(),
-            ):
-                yield
+            if self._changed is not None:
+                self._changed.close()
         finally:
-            torch.set_default_dtype(dtype)
+            _lock.release()
 
 
-@contextlib.contextmanager
-def torch_at_rest() -> Iterator[None]:
+class torch_at_rest(own_settings):  # noqa: N801
     """Within this context, torch works on the calling thread alone, by our `own_settings`.
 
     Torch's own threads spin for milliseconds after a parallel operation. They then take cores from Taichi's kernels,
     which took up to twice the time. Matrix products on one thread also have the same bits whatever the machine's
     setting.
     """
-    with own_settings():
-        threads = torch.get_num_threads()
-        torch.set_num_threads(1)
-        try:
-            yield
-        finally:
-            torch.set_num_threads(threads)
+
+    def __enter__(self) -> None:
+        """Set one thread."""
+        super().__enter__()
+        self._threads = torch.get_num_threads()
+        if self._threads != 1:
+            torch.set_num_threads(1)
+
+    def __exit__(self, *_: object) -> None:
+        """Set the threads that there were."""
+        if self._threads != 1:
+            torch.set_num_threads(self._threads)
+        super().__exit__()
 
 
 @contextlib.contextmanager
