@@ -25,9 +25,9 @@ ANGULAR_VELOCITY = slice(10, 13)
 QW, QX, QY, QZ = range(3, 7)
 SURGE, SWAY, HEAVE, ROLL_RATE, PITCH_RATE, YAW_RATE = range(7, 13)  # u, v, w, p, q, r
 STATE_SIZE = 13
-STATE_LIMITS = (1e7,) * 3 + (2.0,) * 4 + (1e4,) * 3 + (1e4,) * 3
-"""Largest sizes of a state's columns (m, 1, m/s, rad/s); beyond them a vehicle has diverged. Assumed: far above any
-vehicle's, and low enough for all that is computed from them to stay finite in single precision."""
+STATE_LIMIT = 1e7
+"""Largest size of a number of a state (SI); beyond it a vehicle has diverged. Assumed: far above any vehicle's, and low
+enough for what is computed from it to stay finite in single precision."""
 
 # components of vectors in n (a position is a state's first columns), of vectors in b, and of Euler angles
 NORTH, EAST, DOWN = 0, 1, 2

@@ -1,5 +1,6 @@
 """One team: the state of its vehicles in every environment, and quantities derived from it."""
 
+import math
 from collections.abc import Mapping
 from copy import copy
 from typing import Any
@@ -18,7 +19,7 @@ from taichi_sim.conventions import (
     NO_DECK,
     POSITION,
     QUATERNION,
-    STATE_LIMITS,
+    STATE_LIMIT,
     STATE_SIZE,
     SURFACE_SIZE,
     VELOCITY,
@@ -150,7 +151,6 @@ class Fleet(Views):
         self._all = torch.arange(num_envs, device=run.device)
         self._which, self._derive = torch.zeros(num_envs, dtype=torch.int32, device=run.device), Launcher(derive)
         self.never = torch.zeros((num_envs, count), dtype=torch.bool, device=run.device)
-        self._limits = self.state.new_tensor(STATE_LIMITS)
         self.update()
 
     def __repr__(self) -> str:
@@ -229,11 +229,12 @@ class Fleet(Views):
         self._launchers[key](*args)
 
     def diverged(self) -> Tensor | None:
-        """Vehicles, bool [env, vehicle], whose state is not finite or beyond `STATE_LIMITS` (conventions.py); None if
+        """Vehicles, bool [env, vehicle], whose state is not finite or beyond `STATE_LIMIT` (conventions.py); None if
         there are none.
         """
-        within = self.state.abs() <= self._limits
-        return None if bool(within.all()) else ~within.all(-1)
+        if float(torch.linalg.vector_norm(self.state, math.inf)) <= STATE_LIMIT:
+            return None
+        return ~(self.state.abs() <= STATE_LIMIT).all(-1)
 
     def update(self, envs: Tensor | None = None) -> None:
         """Recompute derived quantities in environments `envs` (default: all) after writing to `state` by hand."""

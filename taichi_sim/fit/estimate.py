@@ -210,7 +210,8 @@ def _tested(simulator: WindowSimulator, log: Log, numbers: Array, sigma: Array, 
         [end] = side_by_side(simulator, [search(problem, nobody, np.zeros((1, len(LOG_PRIOR))), begin, nobody, sigma)])
         found.append((problem, end.point))
     by_file, by_fit = (problem.rms(point.left) for problem, point in found)
-    tracks = _tracks(*found[1], found[0][1], number)
+    problem, fitted = found[1]
+    tracks = _tracks(problem, fitted, found[0][1], number)
     return Tested(log, found[1][1].extra[0, CURRENT], by_file, by_fit, tracks)
 
 
@@ -326,7 +327,7 @@ def fit(
     others = [Start(f.point.phi, best - f.log_likelihood(prior)) for f in _distinct(ends, prior)]
     normal = normal_equations(problem, point, prior, sigma)
     extra = point.extra
-    covariance = np.linalg.inv(normal.S)
+    covariance: Array = np.linalg.inv(normal.S).astype(np.float64)
     deviation, nominal = np.sqrt(np.diag(covariance)), simulator.nominal
     told = deviation < KNOWN * prior
     phi = _given_the_rest(point.phi, covariance, told)

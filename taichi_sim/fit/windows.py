@@ -56,7 +56,7 @@ def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
             grid = t[0] + first * np.arange(int((t[-1] - t[0]) / first + 1e-6) + 1)
             motion = np.stack([np.interp(grid, t, column) for column in log.motion[part].T], axis=1)
             step = np.clip(np.round((t - t[0]) / first).astype(int), 0, len(grid) - 1)
-            new = np.zeros(motion.shape, dtype=bool)
+            new: Mask = np.zeros(motion.shape, dtype=bool)
             np.logical_or.at(new, step, log.new[part])
             near = np.where(np.abs(t - grid[step]) < EARLY * first, grid[step], t)
             actions = np.stack([held_means(near, a, grid, grid + first) for a in log.actions[part].T], axis=1)
@@ -64,7 +64,8 @@ def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
             whole = Window(number, motion, actions, wind, new)
             for k in range(lead, len(grid) - steps, steps + 1):  # no sample is used twice
                 window = _cut(whole, k - lead, k + steps)._replace(begin=float(grid[k]))
-                if all(window.new[lead:, SENSORS[name]].sum() >= n * len(SENSORS[name]) for name, n in WANTED.items()):
+                counted = new[k : k + steps + 1]
+                if all(counted[:, SENSORS[name]].sum() >= n * len(SENSORS[name]) for name, n in WANTED.items()):
                     found.append(window)
                 else:
                     short = True
