@@ -89,7 +89,9 @@ def _projector(point: Point, sigma: Array, w: int, rows: list, c: int) -> Array:
     basis = np.linalg.qr(all_of)[0]
     first = sum(len(of) for of in rows[:c])
     mine = basis[first : first + len(rows[c])]
-    return (np.eye(len(mine)) - mine @ mine.T).astype(np.float64)
+    projector: Array = np.eye(len(mine), dtype=np.float64)
+    projector -= mine @ mine.T
+    return projector
 
 
 def _lags(covariance: Array, lags: int) -> Array:

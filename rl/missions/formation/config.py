@@ -167,7 +167,8 @@ class FormationScenario(Scenario):
         over_air = next((name for name, what in over.items() if what == "air"), None)
         if over_air and self.air.speed is None and self.air.beaufort is None:
             raise ValueError(
-                f"{over_air}.speed_over = 'air' needs a wind: [air] gives neither speed nor beaufort (speed = 0 is calm)"
+                f"{over_air}.speed_over = 'air' needs a wind: [air] gives neither speed nor beaufort "
+                "(speed = 0 is calm)"
             )
         half = self.area / 2
         for i, o in enumerate(self.obstacles.fixed):
