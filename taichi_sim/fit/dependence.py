@@ -89,11 +89,9 @@ def _projector(point: Point, sigma: Array, w: int, rows: list, c: int) -> Array:
     basis = np.linalg.qr(all_of)[0]
     first = sum(len(of) for of in rows[:c])
     mine = basis[first : first + len(rows[c])]
-    projector: Array = np.eye(len(mine), dtype=np.float64)
-    projector -= mine @ mine.T
-    return projector
+    return np.eye(len(mine)) - mine @ mine.T
 
 
 def _lags(covariance: Array, lags: int) -> Array:
     """Means of the diagonals of a matrix, from the main one on."""
-    return np.array([np.mean(np.diagonal(covariance, k)) for k in range(lags)])
+    return np.array([np.mean(np.diagonal(covariance, k)) for k in range(lags)], dtype=np.float64)
