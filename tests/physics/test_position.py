@@ -45,10 +45,12 @@ def test_boats_move_by_the_integral_of_their_velocity(vehicle, action, rate):
     _agree(vehicle, rate, 0.5, action)
 
 
+@pytest.mark.slow
 def test_a_hull_moves_by_the_integral_of_its_velocity():
     _agree("otter", 1200, 0.2, (0.5, 0.05))
 
 
+@pytest.mark.slow
 def test_an_aircraft_moves_by_the_integral_of_its_velocity():
     _agree("aerosonde", 1200, 0.2, (0.0, 0.1, 0.0), 50.0, 25.0)
 

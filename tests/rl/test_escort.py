@@ -64,6 +64,7 @@ def test_the_vessel_does_the_same_whoever_escorts_it():
     torch.testing.assert_close(ways[0][0], ways[2][0])
 
 
+@pytest.mark.slow
 def test_an_action_that_is_refused_moves_no_script_and_no_other_team():
     """Nor what classical controllers remember: everything that is saved stays as it is."""
     env = ts.batched_env("escort", 2, teams="uav", others={"usv": "classical"}, overrides=SMALL)
