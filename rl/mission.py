@@ -324,6 +324,13 @@ class Mission(Stateful, Generic[C, T]):
                 reward[name] = reward[name].masked_fill(gone[name], -1.0)
         self.divergence.envs = torch.zeros_like(self.divergence.envs)
 
+    def infos(self, team: T) -> dict[str, Tensor]:
+        """Entries of `info`, finite."""
+        return {
+            key: self.finite(value, lambda key=key: f"{key!r} of {team.name!r}", lambda key=key: self.info(team)[key])
+            for key, value in self.info(team).items()
+        }
+
     def finite(self, values: Tensor, about: Callable[[], str], again: Callable[[], Tensor]) -> Tensor:
         """Return `values` [env, ...], finite: where they are not, their environment is put to rest, and they are
         computed `again`.

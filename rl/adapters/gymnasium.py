@@ -234,7 +234,7 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return {"reward_vehicle": _numpy(step.reward[self.team])} | ends
 
     def _info(self) -> dict[str, np.ndarray]:
-        return {key: _numpy(value) for key, value in self.task.info(self.task.teams[self.team]).items()}
+        return {key: _numpy(value) for key, value in self.task.infos(self.task.teams[self.team]).items()}
 
 
 class TeamOptions(TypedDict, total=False):

@@ -38,7 +38,7 @@ def given_away(mission: Mission, step: Step) -> dict[str, Tensor]:
     found = {"terminated": step.terminated.float(), "truncated": step.truncated.float()}
     for name, team in mission.teams.items():
         found[f"{name} reward"] = step.reward[name]
-        found |= {f"{name} info {key}": value for key, value in mission.info(team).items()}
+        found |= {f"{name} info {key}": value for key, value in mission.infos(team).items()}
     return {key: value.clone() for key, value in found.items()}
 
 
