@@ -4,7 +4,7 @@ import pytest
 from refusal import assert_says, refusal
 from small_missions import make
 
-from rl.missions import load_scenario
+from rl.missions import load_scenario, make_mission
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import write_toml
 
@@ -89,3 +89,10 @@ def test_a_formation_that_the_vehicles_or_the_track_leave_no_room_for_is_refused
     with pytest.raises(ConfigError) as caught:
         make(*overrides)
     assert_says(str(caught.value), *parts)
+
+
+def test_a_target_that_is_faster_than_its_boats_is_refused():
+    """An Otter makes 3.09 m/s (thrust over linear damping, Fossen's model)."""
+    config = load_scenario("cruise", ("track.worlds=2", "sea.realisations=2", "usv.target_speed=3.2"))
+    with pytest.raises(ConfigError, match=r"usv\.target_speed = 3\.2: .*'otter' goes at most 3\.09 m/s"):
+        make_mission(config, 1, seed=1)

@@ -356,16 +356,19 @@ def check_teams(config: FormationScenario, models: Mapping[str, Vehicle]) -> Non
 
 
 def _check_flyable(config: FormationScenario, name: str, vehicle: str, model: Vehicle) -> None:
-    """Refuse a track that `model`, of the file `vehicle`, cannot follow; a vehicle that can stop follows any track.
+    """Refuse a track that `model`, of the file `vehicle`, cannot follow: too fast for it or, if it cannot stop, too tight.
 
     Over ground, the target's speed v needs airspeeds from v - w to v + w. Through the air, its airspeed V_a makes
     speeds over ground up to V_a + w. Either way a bend of radius R needs the lateral acceleration v^2 / R at the
     largest speed over ground v (rl/guidance/geometry.py), so R must reach v^2 / (g tan(largest bank)).
     """
     low, cruise, high = model.limits.speeds
+    track, (speed, over) = config.track, config.pace(name)
+    if model.limits.stops and speed > high:
+        key = "track" if config.formations[name].target_speed is None else name
+        raise ConfigError(f"{key}.target_speed = {speed:g}: {vehicle} goes at most {high:.3g} m/s")
     if model.limits.stops or math.isinf(high):
         return
-    track, (speed, over) = config.track, config.pace(name)
     wind = strongest_wind(config, track.flight_height)
     most = speed + wind if over == "air" else speed
     needed = (speed, speed) if over == "air" else (speed - wind, speed + wind)
