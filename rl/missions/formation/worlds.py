@@ -356,7 +356,7 @@ def check_teams(config: FormationScenario, models: Mapping[str, Vehicle]) -> Non
 
 
 def _check_flyable(config: FormationScenario, name: str, vehicle: str, model: Vehicle) -> None:
-    """Refuse a track that `model`, of the file `vehicle`, cannot follow: too fast, or too tight for one that cannot stop.
+    """Refuse a track that `model`, of the file `vehicle`, cannot follow: too fast, or too tight if it cannot stop.
 
     Over ground, the target's speed v needs airspeeds from v - w to v + w. Through the air, its airspeed V_a makes
     speeds over ground up to V_a + w. Either way a bend of radius R needs the lateral acceleration v^2 / R at the
