@@ -120,13 +120,14 @@ def environments(
     if values.dim() > 1:
         raise ValueError(f"{name} have shape {list(values.shape)}, expected [n], or a bool mask [{num_envs}]")
     envs = values.long().reshape(-1)
-    low, high = (int(end) for end in envs.aminmax())
+    ordered = bool((envs[1:] > envs[:-1]).all())  # so that none is twice
+    low, high = (int(end) for end in (envs[[0, -1]] if ordered else envs.aminmax()))
     flags = len(envs) == num_envs and low >= 0 and high <= 1
     if flags and not whole and not isinstance(given, Sequence | int):
         raise ValueError(f"{name} are {num_envs} zeros and ones of {values.dtype}: {MASK}; for numbers pass a list")
     if low < 0 or high >= num_envs:
         raise ValueError(f"{name} name {one} {low if low < 0 else high}: there are 0 to {num_envs - 1}")
-    if not twice and int((times := envs.bincount()).max()) > 1:
+    if not (twice or ordered) and int((times := envs.bincount()).max()) > 1:
         hint = f" ({MASK})" if flags else ""
         raise ValueError(f"{name} name {one} {int(times.argmax())} twice{hint}")
     return envs

@@ -1,6 +1,5 @@
 """One team: the state of its vehicles in every environment, and quantities derived from it."""
 
-import math
 from collections.abc import Mapping
 from copy import copy
 from typing import Any
@@ -232,7 +231,8 @@ class Fleet(Views):
         """Vehicles, bool [env, vehicle], whose state is not finite or beyond `STATE_LIMIT` (conventions.py); None if
         there are none.
         """
-        if float(torch.linalg.vector_norm(self.state, math.inf)) <= STATE_LIMIT:
+        low, high = (float(end) for end in self.state.aminmax())  # NaN if one is
+        if low >= -STATE_LIMIT and high <= STATE_LIMIT:
             return None
         return ~(self.state.abs() <= STATE_LIMIT).all(-1)
 

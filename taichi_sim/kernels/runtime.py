@@ -325,10 +325,11 @@ class own_settings(contextlib.ContextDecorator):  # noqa: N801 (a context, used 
         if dtype is not torch.float32 or elsewhere or torch.is_inference_mode_enabled():
             self._changed = changed = contextlib.ExitStack()
             recorded = torch.is_grad_enabled()
-            torch.set_default_dtype(torch.float32)
-            changed.callback(torch.set_default_dtype, dtype)
             changed.enter_context(torch.inference_mode(False))
             changed.enter_context(torch.set_grad_enabled(recorded))
+            if dtype is not torch.float32:
+                torch.set_default_dtype(torch.float32)
+                changed.callback(torch.set_default_dtype, dtype)
             if elsewhere:
                 changed.enter_context(torch.device("cpu"))
 
