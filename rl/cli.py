@@ -73,6 +73,13 @@ def _refuse_differences(of_ranks: list) -> None:
             raise RunError(f"{who} has another scenario than process 0: they differ in {differ}")
 
 
+def tell_corrected(config) -> None:
+    """Print a line where classical controllers act with the policies of a scenario."""
+    if config.corrected:
+        teams = " and ".join(config.corrected)
+        print(f"a classical controller acts with the policy of {teams} (residual.velocity > 0)", file=sys.stderr)
+
+
 def add_run(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of commands on a finished run: RUN, --controller, --seed, --config, and the common ones."""
     parser.add_argument("run", type=Path, metavar="RUN", help="run folder of rl/train.py")

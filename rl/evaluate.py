@@ -85,6 +85,8 @@ def evaluate(args: argparse.Namespace) -> None:
     trial = Trial(config, policies, args.episodes or config.evaluation.episodes, seed, args.controller, source)
     for outcome in judge_trials([trial], show_progress=not args.quiet, excerpts=True):
         assert isinstance(outcome, EvaluationOutcome)  # judge_trials raises all errors
+        if args.controller == "policy":
+            cli.tell_corrected(config)
         print(report(outcome.result, config, source), file=sys.stderr)
         for team, policy in policies.items():
             if (price := getattr(policy, "price", None)) is not None:

@@ -97,6 +97,12 @@ class Scenario(WorldConfig):
         learning = {team for stage in self.stages.values() for team in stage.learners}
         return tuple(name for name in self.teams if name in learning)
 
+    @property
+    def corrected(self) -> tuple[str, ...]:
+        """Trained teams whose policies correct a classical controller: by the section `residual` (rl/guidance)."""
+        found = {name: getattr(self.teams[name], "residual", None) for name in self.trained}
+        return tuple(name for name, residual in found.items() if residual is not None and residual.velocity > 0)
+
     def first_number(self, team: str) -> int:
         """Number of a team's first vehicle among the counted random numbers of sensors."""
         return MOST_VEHICLES * list(self.teams).index(team)

@@ -21,12 +21,12 @@ def parser() -> argparse.ArgumentParser:
 
     p = argparse.ArgumentParser(
         description=__doc__,
-        epilog="With no argument it runs the main job: configs/escort.toml. Ctrl-C saves a checkpoint; --resume "
+        epilog="With no argument it runs the main job: configs/cruise.toml. Ctrl-C saves a checkpoint; --resume "
         "continues. Watch the curves with: tensorboard --logdir runs. On several machines: "
         "torchrun --nnodes=2 --nproc-per-node=8 --rdzv-backend=c10d --rdzv-endpoint=HOST:PORT --rdzv-id=NAME "
         "rl/train.py ...; with --nnodes=1:2 machines may come and go.",
     )
-    p.add_argument("--config", default=None, metavar="FILE", help="scenario (default: configs/escort.toml)")
+    p.add_argument("--config", default=None, metavar="FILE", help="scenario (default: configs/cruise.toml)")
     p.add_argument("--out", type=Path, default=None, help="run folder (default: runs/SCENARIO-DATE-TIME)")
     p.add_argument("--seed", type=cli.seed, default=None, help="seed of the run (default: the scenario's)")
     p.add_argument("--resume", action="store_true", help="continue the run in --out (default: the newest in runs/)")
@@ -65,6 +65,7 @@ def main(argv: list[str] | None = None) -> None:
             cli.start(args)
             if place.first:
                 print(f"run folder: {out}")
+                cli.tell_corrected(config)
             summary = run_main_job(config, out, source=source, show_progress=not args.quiet, watch=watch)
     if summary is None:
         return
@@ -89,10 +90,12 @@ def run_of(args: argparse.Namespace) -> tuple["Scenario", Path, Path]:
     if args.resume:
         out = args.out or run_folder.newest(Path("runs"))
         run_folder.refuse_changes(args.config, overrides)
+        if not processes.engine() and run_folder.was_lanes(out):
+            print(f"warning: {run_folder.LANES}; this run goes on as it was begun", file=sys.stderr)
         if not processes.engine() and (other := run_folder.other_versions(out)):
             print(f"warning: {other}: its figures will not be the same as without the change", file=sys.stderr)
         return *run_folder.load_config(out), out
-    source = find_config(args.config or "configs/escort.toml")
+    source = find_config(args.config or "configs/cruise.toml")
     config = load_scenario(source, overrides)
     name = processes.engine() or time.strftime("%Y%m%d-%H%M%S")
     if args.out is None and name == "none":  # torchrun's default

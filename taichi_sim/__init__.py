@@ -26,19 +26,22 @@ _os.environ.setdefault("GOMP_SPINCOUNT", "30000")
 __version__ = "0.1.0"
 
 # Only names are registered: Gymnasium imports the adapters when an environment is made.
-for _name, _scenario, _team, _other in (
-    ("UsvFormation", "paper", "usv", "absent"),
-    ("UavFormation", "paper", "uav", "absent"),
-    ("OtterFormation", "otter", "usv", "absent"),
-    ("AerosondeFormation", "aerosonde", "uav", "absent"),
-    ("CruiseUsv", "cruise", "usv", "absent"),
-    ("CruiseUav", "cruise", "uav", "absent"),
-    ("EscortUsv", "escort", "usv", "absent"),  # scripted scouts replace the aircraft
-    ("EscortUav", "escort", "uav", "classical"),  # its reward depends on what boats do with the messages
-    ("LandingUav", "landing", "uav", "absent"),  # a helm holds the boat's course
+for _scenario, _team, _other in (
+    ("paper", "usv", "absent"),
+    ("paper", "uav", "absent"),
+    ("lanes", "usv", "absent"),
+    ("lanes", "uav", "absent"),
+    ("cruise", "usv", "absent"),
+    ("cruise", "uav", "absent"),
+    ("otter", "usv", "absent"),
+    ("aerosonde", "uav", "absent"),
+    ("escort", "usv", "absent"),  # scripted scouts replace the aircraft
+    ("escort", "uav", "classical"),  # its reward depends on what boats do with the messages
+    ("landing", "uav", "absent"),  # a helm holds the boat's course
 ):
+    _name = f"{_team}_formation" if _scenario == "paper" else f"{_scenario}_{_team}"
     _gymnasium.register(
-        id=f"taichi_sim/{_name}-v0",
+        id=f"taichi_sim/{_name.title().replace('_', '')}-v0",
         entry_point="rl.adapters.gymnasium:TeamEnv",
         vector_entry_point="rl.adapters.gymnasium:TeamVectorEnv",
         kwargs={"team": _team, "scenario": _scenario, "other": _other},

@@ -15,7 +15,7 @@ from taichi_sim.config.base import number, span
 from taichi_sim.config.io import find_config, load_world, vehicle_file
 from taichi_sim.config.plugins import load_class
 from taichi_sim.contact.contacts import Contacts
-from taichi_sim.conventions import STATE_SIZE, SURFACE_SIZE
+from taichi_sim.conventions import EAST, STATE_SIZE, SURFACE_SIZE
 from taichi_sim.dump import Dump, save_dump
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
@@ -30,6 +30,7 @@ from taichi_sim.surroundings import Surroundings
 from taichi_sim.vehicle import Vehicle
 from taichi_sim.vehicles import load_vehicle
 
+APART = 8.0  # collision radii between neighbours of a team that no mission has placed; assumed
 FEW = 32  # environments that are placed at once and whose surroundings are kept; assumed
 
 
@@ -73,7 +74,7 @@ class World(Stateful):
         """Build a world from a configuration.
 
         Vehicles begin at rest at the origin, all of a team at the same place: only a mission or a script knows where
-        they should be. `place` moves them.
+        they should be. `place` moves them; `from_scenario` puts them apart.
 
         Args:
             config: that of a world or a scenario.
@@ -181,9 +182,15 @@ class World(Stateful):
     def from_scenario(cls, scenario: str | Path = "paper", num_envs: int = 1, overrides=(), **options) -> "World":
         """World of a scenario's file or name, without its mission: `World.from_scenario("paper", num_envs=16)`.
 
-        Vehicles are not placed: see the constructor, which takes `options`.
+        Vehicles of a team begin abreast, the first at the origin, the others east of it. `options` are the
+        constructor's.
         """
-        return cls(load_world(scenario, overrides), num_envs, source=find_config(scenario), **options)
+        world = cls(load_world(scenario, overrides), num_envs, source=find_config(scenario), **options)
+        for fleet in (fleet for name, fleet in world.teams.items() if name not in world.scripts):
+            apart = APART * fleet.model.collision_radius
+            fleet.state[..., EAST] = apart * torch.arange(fleet.count, device=fleet.state.device)
+            fleet.update()
+        return world
 
     @runtime.torch_at_rest()
     def step(self, actions: Mapping[str, ArrayLike | torch.Tensor] | None = None) -> dict[str, torch.Tensor]:

@@ -48,7 +48,7 @@ def test_agent_steps_are_measured(group, quick):
 @pytest.mark.slow
 def test_high_fidelity_scenarios_are_measured():
     cases = scenario_cases(4, "sea.realisations=4")
-    assert [case.label for case in cases] == ["otter", "aerosonde", "escort", "escort, crests"]
+    assert [case.label for case in cases] == ["lanes", "cruise, boats", "cruise, aircraft", "escort", "escort, crests"]
     measure(cases, seconds=1e-3, repetitions=1, show_progress=False)
     assert all(positive(case.rate) for case in cases)
 

@@ -49,7 +49,7 @@ def test_a_wrong_vehicle_is_refused_by_name(tmp_path, old, new, parts):
     ("team", "vehicle", "moves", "meant"),
     [("usv", "unity_aircraft", "air", "water"), ("uav", "unity_boat", "water", "air")],
 )
-@pytest.mark.parametrize("shipped", ["paper", "otter", "aerosonde"])
+@pytest.mark.parametrize("shipped", ["lanes", "cruise", "aerosonde"])
 def test_a_vehicle_of_another_medium_is_refused(shipped, team, vehicle, moves, meant):
     config = load_scenario(shipped, [f"{team}.vehicle={vehicle}"])
     with pytest.raises(ConfigError) as caught:

@@ -222,7 +222,7 @@ def test_the_commands_of_a_page_run(page, tmp_path, monkeypatch):
         module, arguments = ours(found.words) or ("", [])
         short = list(SHORT.get(module, ()))
         if module == "rl.train" and "--resume" not in arguments:
-            name = arguments[arguments.index("--config") + 1] if "--config" in arguments else "escort"
+            name = arguments[arguments.index("--config") + 1] if "--config" in arguments else "cruise"
             short = _short_training(name)
             if "--out" in arguments:
                 shutil.rmtree(tmp_path / arguments[arguments.index("--out") + 1], ignore_errors=True)

@@ -64,7 +64,7 @@ def rolled(scenario, steps=6):
 
 @pytest.mark.parametrize(
     "scenario",
-    ["paper", *(pytest.param(x, marks=pytest.mark.slow) for x in ("otter", "escort", "landing", "aerosonde"))],
+    ["lanes", *(pytest.param(x, marks=pytest.mark.slow) for x in ("otter", "escort", "landing", "aerosonde"))],
 )
 def test_settings_of_torch_change_no_number(scenario):
     """To the bit, in dtype too; and what is made in inference mode works outside, on the other side as well."""

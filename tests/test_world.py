@@ -147,6 +147,8 @@ class TestTeams:
     def test_teams_of_one_vehicle_do_not_touch_each_other(self, harbour):
         world = World.from_scenario(harbour('[tug]\nvehicle = "unity_boat"\ncount = 2\n'), 2)
         ferry, tug = world.teams["ferry"], world.teams["tug"]
+        apart = (tug.position_n[:, 1] - tug.position_n[:, 0]).norm(dim=-1)  # else two boats begin in one place
+        assert bool((apart > 2 * tug.model.collision_radius).all())
         tug.set_numbers({"mass": 70.0})
         before = world.teams["ferry"].state.clone()
         world.step({"ferry": np.full((2, 2, 2), -1.0), "tug": np.full((2, 2, 2), 1.0), "gulls": np.zeros((2, 1, 3))})

@@ -121,12 +121,12 @@ def bound_file(config: Scenario) -> Path:
 
 
 def digest(config: Scenario, team: str) -> str:
-    """A hash that differs between scenarios whose episodes of a team differ; keys that only learning reads do not
-    count, nor do teams that are not simulated with it.
+    """A hash that differs between scenarios whose episodes of a team differ; keys that are not given or that only
+    learning reads do not count, nor do teams that are not simulated with it.
     """
     beside = teams_beside(config, team)
     apart = {name for name in config.teams if name not in beside}
-    data = config.model_dump(mode="json", exclude={"stages", "seed", "evaluation"} | apart)
+    data = config.model_dump(mode="json", exclude_none=True, exclude={"stages", "seed", "evaluation"} | apart)
     for name in beside:
         for key in LEARNING:
             data.get(name, {}).pop(key, None)

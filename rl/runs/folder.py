@@ -38,6 +38,7 @@ from taichi_sim.vehicles import vehicle_files
 
 CONFIG, META, SUMMARY, DUMPS = "config.toml", "meta.json", "summary.json", "dumps"
 LOCK, MEASURED = ".lock", "measured"
+LANES = "the scenario `paper` with residual policies, and obstacles in the lanes, is `lanes` now"
 ABANDONED = 3600.0  # s, after which an unfinished folder counts as left by a killed process
 PACKAGES = ("taichi-sim", "taichi", "torch", "numpy", "rsl-rl-lib", "gymnasium", "rerun-sdk", "pydantic")
 
@@ -243,11 +244,13 @@ def load_config(run: Path, overrides=(), config: Path | None = None) -> tuple[Sc
     """The scenario of a run (or the file `config` instead) with overrides, and the file it came from.
 
     Raises:
-        RunError: if the folder is not a run.
+        RunError: if the folder is not a run, or one of another scenario that had the name of `config`.
         ConfigError: if the configuration does not fit this version.
     """
     if config is not None:
         file = find_config(config)
+        if file.stem == "paper" and was_lanes(run):
+            raise RunError(f"{run}: {LANES}: give --config lanes")
         return load_scenario(file, overrides), file
     file = run / CONFIG
     if not file.is_file():
@@ -260,6 +263,12 @@ def load_config(run: Path, overrides=(), config: Path | None = None) -> tuple[Sc
         raise ConfigError(
             f"{error}\nThe run's saved configuration does not fit this version; pass --config FILE to use another"
         ) from None
+
+
+def was_lanes(run: Path) -> bool:
+    """Whether a run is of the scenario `paper` that is `lanes` now."""
+    data = read_toml(run / CONFIG) if (run / CONFIG).is_file() else {}
+    return data.get("name") == "paper" and data["obstacles"]["clearance_min"] < 0 and "residual" in data["usv"]
 
 
 def _loads(file: Path) -> bool:

@@ -13,7 +13,7 @@ from taichi_sim.vehicles import load_vehicle, shipped_vehicles
 from tests.fuzz.limits import within
 from tests.fuzz.overrides import keys_of, overrides, scenario_keys
 
-SCENARIOS = ("paper", "otter", "aerosonde", "escort", "landing")
+SCENARIOS = ("lanes", "cruise", "otter", "aerosonde", "escort", "landing")
 SMALL = {"formation": ["track.worlds=2"], "escort": ["escort.worlds=2"], "landing": []}
 OF_SCENARIO, OF_VEHICLES = 800, 1000  # overrides: 5,000 in all
 RUN = 60  # accepted ones of each scenario that are run, too

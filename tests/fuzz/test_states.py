@@ -20,7 +20,7 @@ from taichi_sim.state import Entry, walk
 PLUGIN = Path(__file__).parents[1] / "data" / "plugins" / "buoys.toml"
 SMALL = ("track.worlds=8", "sea.realisations=4")
 SCENARIOS = {
-    "paper": SMALL,
+    "lanes": SMALL,
     "otter": (*SMALL, "usv.formation.change_every=4", 'usv.formation.shapes=["abreast","wedge"]'),
     "aerosonde": SMALL,
     "escort": ("escort.worlds=8", "sea.realisations=4"),

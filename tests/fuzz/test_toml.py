@@ -49,7 +49,7 @@ def test_a_wrong_file_is_refused_by_name_or_read(kind, right, tmp_path):
 
 def test_what_is_no_text_file_is_refused_by_name(tmp_path):
     """Encodings, folders, loops of links, and numbers that no machine holds."""
-    text = (config_folder() / "paper.toml").read_text(encoding="utf-8")
+    text = (config_folder() / "lanes.toml").read_text(encoding="utf-8")
     made = {
         "utf16.toml": text.encode("utf-16"), "latin1.toml": "# caf\u00e9\n".encode("latin-1"), "empty.toml": b"",
         "nul.toml": b"name = 'a'\0", "huge.toml": b"seed = " + b"9" * 5000, "big.toml": b"seed = 99999999999999999999",
@@ -69,8 +69,8 @@ def test_what_is_no_text_file_is_refused_by_name(tmp_path):
 
 def test_a_byte_order_mark_is_no_fault(tmp_path):
     """Notepad of Windows writes one."""
-    (tmp_path / "marked.toml").write_bytes(b"\xef\xbb\xbf" + (config_folder() / "paper.toml").read_bytes())
-    assert load_scenario(tmp_path / "marked.toml") == load_scenario("paper")
+    (tmp_path / "marked.toml").write_bytes(b"\xef\xbb\xbf" + (config_folder() / "lanes.toml").read_bytes())
+    assert load_scenario(tmp_path / "marked.toml") == load_scenario("lanes")
 
 
 def test_an_error_of_the_disk_is_named(tmp_path, monkeypatch):

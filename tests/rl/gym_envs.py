@@ -13,9 +13,7 @@ from gymnasium.utils.env_checker import check_env
 import rl.adapters.gymnasium  # noqa: F401  registers the environments
 
 IDS = ("taichi_sim/UsvFormation-v0", "taichi_sim/UavFormation-v0")
-MORE = tuple(
-    f"taichi_sim/{name}-v0" for name in ("OtterFormation", "AerosondeFormation", "EscortUsv", "EscortUav", "LandingUav")
-)
+MORE = tuple(f"taichi_sim/{name}-v0" for name in ("OtterUsv", "AerosondeUav", "EscortUsv", "EscortUav", "LandingUav"))
 SMALL = ("track.worlds=4", "sea.realisations=4", "obstacles.count=4")
 SHORT = (*SMALL, "episode_duration=1.0")  # 10 decisions
 ESCORT = ("escort.worlds=8", "sea.realisations=4", "sea.components=6", "episode_duration=2.0")  # the same

@@ -11,11 +11,7 @@ from rl.missions.formation.mission import Formation
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 
 TEAMS = ("usv", "uav")
-SMALL = (
-    "track.worlds=4", "sea.realisations=4", "usv.residual.velocity=0", "uav.residual.velocity=0",
-    "sensing.obstacles=2", "sensing.detection_range=40", "obstacles.clearance_min=6", "obstacles.clearance_max=60",
-    "obstacles.moving_fraction=0",
-)  # fmt: skip
+SMALL = ("track.worlds=4", "sea.realisations=4")
 AXES = {"usv": 2, "uav": 3}
 
 # distance and direction, twice; 2 obstacles of (closeness, direction, width, velocity); mates of (closeness, direction)

@@ -25,13 +25,13 @@ CALM = (*SMALL, "sea.hs=0", "obstacles.count=0")
 
 def make(team: str, *overrides: str, envs: int = 4, seed: int = 3) -> Formation:
     """Return a task with environment i in world i."""
-    task = Formation(load_scenario("paper", overrides), envs, seed=seed, teams=(team,))
+    task = Formation(load_scenario("lanes", overrides), envs, seed=seed, teams=(team,))
     task.reset(worlds=torch.arange(envs), starts=torch.zeros(envs, dtype=torch.int64))
     return task
 
 
 def classical(team: str) -> ClassicalPolicy:
-    return policies_of("classical", Path(), load_scenario("paper"))[team]
+    return policies_of("classical", Path(), load_scenario("lanes"))[team]
 
 
 def fly(task: Formation, team: str, seconds: float) -> tuple[Tensor, Tensor]:
@@ -165,7 +165,7 @@ def test_blind_teams_act_too(team):
 
 def test_baseline_is_strong():
     """Centimetres in the paper's scenario: the hull's own tilt tells the push of the waves."""
-    config = load_scenario("paper", ["episode_duration=20", "evaluation.settle=15", "obstacles.count=0"])
+    config = load_scenario("lanes", ["episode_duration=20", "evaluation.settle=15", "obstacles.count=0"])
     policies = policies_of("classical", Path(), config)
     teams = judge_episodes(config, policies, episodes=8, seed=7, show_progress=False).result["teams"]
     assert teams["usv"]["leader_error_rms_m"] < 0.05

@@ -13,7 +13,7 @@ from rl.missions import load_scenario
 from rl.missions.formation.mission import Formation
 from rl.scenario import StageConfig
 
-SMALL = ("track.worlds=4", "sea.realisations=4", "uav.count=2", "usv.residual.velocity=0", "uav.residual.velocity=0")
+SMALL = ("track.worlds=4", "sea.realisations=4", "uav.count=2")
 ENVS, UAVS, USVS = 4, 2, 3
 
 

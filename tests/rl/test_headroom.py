@@ -1,5 +1,6 @@
 """Headroom: the share of the way to an oracle, on kept episodes that are used only where they are the scenario's."""
 
+import json
 import os
 import socket
 
@@ -13,6 +14,7 @@ from rl.evaluation.store import load_headroom, save_headroom
 from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario
 from rl.missions.formation.judge import FormationJudge
+from taichi_sim.config.io import config_folder
 
 RNG = np.random.default_rng(3)
 FEW = ("track.worlds=4", "sea.realisations=4", "episode_duration=3", "evaluation.settle=1")
@@ -51,7 +53,7 @@ def test_several_runs_count_together():
 
 
 def test_bounds_are_read_back_where_the_episodes_are_the_same(tmp_path):
-    config, file = load_scenario("paper"), tmp_path / "paper.json"
+    config, file = load_scenario("lanes"), tmp_path / "lanes.json"
     made = bound(2.0, np.nan)
     write_bounds(file, config, {"usv": made})
     again = read_bounds(config, file)["usv"]
@@ -64,10 +66,15 @@ def test_bounds_are_read_back_where_the_episodes_are_the_same(tmp_path):
         "usv.tracking_reward.fine=0",
         "uav.count=2",
     ):
-        assert digest(load_scenario("paper", (same,)), "usv") == digest(config, "usv")
+        assert digest(load_scenario("lanes", (same,)), "usv") == digest(config, "usv")
     for other in ("sea.hs=1", "usv.control.horizon=4", "obstacles.count=3", "usv.count=5"):
-        assert read_bounds(load_scenario("paper", (other,)), file) == {}
+        assert read_bounds(load_scenario("lanes", (other,)), file) == {}
     assert read_bounds(config, tmp_path / "none.json") == {}
+
+
+def test_a_kept_oracle_is_of_its_scenario_as_shipped():
+    for file in (config_folder() / "oracle").glob("*.json"):
+        assert read_bounds(load_scenario(file.stem)).keys() == json.loads(file.read_text())["teams"].keys(), file
 
 
 def test_a_run_keeps_what_its_policies_did_on_an_oracles_episodes(tmp_path):
@@ -82,7 +89,7 @@ def test_a_run_keeps_what_its_policies_did_on_an_oracles_episodes(tmp_path):
 
 def test_an_oracle_and_the_classical_controller_do_the_same_episodes():
     config = load_scenario(
-        "paper", (*FEW, "usv.plan.samples=8", "usv.plan.rounds=1", "usv.plan.horizon=1", "usv.plan.every=0.5")
+        "lanes", (*FEW, "usv.plan.samples=8", "usv.plan.rounds=1", "usv.plan.horizon=1", "usv.plan.every=0.5")
     )
     found = run_bound(config, "usv", episodes=3, seed=2, show_progress=False)
     assert found.beside == ("usv",) and found.episodes == 3 and found.price > 0
@@ -93,7 +100,7 @@ def judge(rank: int, count: int, port: int, pipe) -> None:
     """One of `count` processes that judge two teams on their bounds; it sends what it gets."""
     here = {"RANK": rank, "WORLD_SIZE": count, "LOCAL_RANK": rank, "LOCAL_WORLD_SIZE": count, "MASTER_PORT": port}
     os.environ |= {key: str(value) for key, value in here.items()} | {"MASTER_ADDR": "127.0.0.1"}
-    config = load_scenario("paper", FEW)
+    config = load_scenario("lanes", FEW)
     bounds = {team: Bound((team,), 2, episodes(1.0, 3), episodes(1.0, 3), 0.1) for team in ("usv", "uav")}
     with processes.joined():
         found = judge_on_bounds(bounds, config, {team: ClassicalPolicy() for team in bounds})

@@ -36,7 +36,7 @@ def cost_of(team, corrections) -> float:
 
 def test_what_is_suggested_costs_less_where_it_has_an_effect():
     """And is nothing where no obstacle opens the gate."""
-    team = make_mission(load_scenario("paper", FEW), 24, seed=3, teams=("usv",)).teams["usv"]
+    team = make_mission(load_scenario("lanes", FEW), 24, seed=3, teams=("usv",)).teams["usv"]
     cost_of(team, [no_correction(team)] * 100)
     planner = Improver(PLAN, no_correction, seed=1)
     with torch.inference_mode():  # as rsl-rl acts
@@ -54,7 +54,7 @@ def test_what_is_suggested_costs_less_where_it_has_an_effect():
 
 def test_what_the_leader_tries_does_not_blur_what_its_followers_try():
     """In each sample either the leader deviates from the policy or its followers do, and only at first."""
-    team = make_mission(load_scenario("paper", FEW), 4, seed=3, teams=("usv",)).teams["usv"]
+    team = make_mission(load_scenario("lanes", FEW), 4, seed=3, teams=("usv",)).teams["usv"]
     planner = Improver(PLAN, no_correction, seed=1)
     drawn = planner._noise((4, 16, PLAN.knots, 3, 2), team.fleet.state).abs().amax((0, 4))  # [sample, knot, vehicle]
     assert (drawn[:, 2:] == 0).all()
@@ -90,7 +90,7 @@ def test_a_stage_learns_what_is_suggested_and_goes_on_after_an_interruption(tmp_
     errors = []
     for epochs, iterations in ((1, 1), (40, 1), (40, 2)):
         overrides = (*SMALL, f"stages.usv.learning_epochs={epochs}", f"stages.usv.iterations={iterations}")
-        config = load_scenario("paper", overrides)
+        config = load_scenario("lanes", overrides)
         config = config.model_copy(update={"stages": {"usv": config.stages["usv"]}})
         train_stages(config, tmp_path / str(epochs), show_progress=False)
         with (tmp_path / str(epochs) / "usv" / "progress.csv").open() as file:
@@ -105,4 +105,4 @@ def test_a_stage_learns_what_is_suggested_and_goes_on_after_an_interruption(tmp_
 
 def test_two_teams_cannot_be_improved_at_a_time():
     with pytest.raises(ConfigError, match="stages.usv.joint = .*one team at a time"):
-        load_scenario("paper", (*SMALL, 'stages.usv.joint=["uav"]'))
+        load_scenario("lanes", (*SMALL, 'stages.usv.joint=["uav"]'))

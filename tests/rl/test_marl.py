@@ -60,7 +60,7 @@ def test_a_team_alone_does_to_the_bit_what_it_does_under_gymnasium():
 
 
 def test_agents_are_the_vehicles_in_order():
-    env = ts.parallel_env("paper", overrides=(*SHORT, "usv.residual.velocity=0", "uav.residual.velocity=0"))
+    env = ts.parallel_env("paper", overrides=SHORT)
     env.reset(seed=1)
     actions = {agent: np.full(env.action_space(agent).shape, 0.1 * k) for k, agent in enumerate(env.agents)}
     observations, rewards, *_, infos = env.step(actions)

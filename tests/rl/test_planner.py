@@ -31,7 +31,7 @@ def cost_of(team, steps: int, action) -> torch.Tensor:
     return cost
 
 
-@pytest.mark.parametrize("scenario", ["paper", pytest.param("otter", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("scenario", ["lanes", pytest.param("otter", marks=pytest.mark.slow)])
 def test_what_an_oracle_predicts_is_what_happens(scenario):
     """Sensors' noise, currents and bodies that move included; and it is no worse than the classical controller."""
     team = team_of(scenario)
@@ -50,7 +50,7 @@ def test_what_an_oracle_predicts_is_what_happens(scenario):
 
 
 def test_few_forks_serve_plans_for_any_number_of_environments(monkeypatch):
-    team = team_of("paper", envs=8)
+    team = team_of("lanes", envs=8)
     built, alike = [], type(team.mission)._alike
     monkeypatch.setattr(type(team.mission), "_alike", lambda self, n: built.append(n) or alike(self, n))
     planner = Planner(PlanConfig(samples=4, rounds=1, horizon=0.2, every=0.1), seed=1)
@@ -63,7 +63,7 @@ def test_few_forks_serve_plans_for_any_number_of_environments(monkeypatch):
 
 def test_a_plan_costs_more_inside_its_berth():
     """As much as the square of the distance from the slot says, and 300 m^2 for each metre."""
-    team = team_of("paper", "usv.plan.berth=2.0")
+    team = team_of("lanes", "usv.plan.berth=2.0")
     team.sensor.gap.copy_(torch.tensor([3.0, 1.5, 0.0]).expand_as(team.sensor.gap))
     extra = team.mission.plan_cost(team, torch.zeros_like(team.fleet.never)) - team.distance.square()
     assert extra[0].tolist() == pytest.approx([0.0, 150.0, 600.0], rel=1e-4)
@@ -71,7 +71,7 @@ def test_a_plan_costs_more_inside_its_berth():
 
 def test_a_learned_policy_is_followed_where_it_is_the_best_sample():
     """One that stops is, where nothing else is tried but the classical controller, in some environments."""
-    team = team_of("paper", envs=12)
+    team = team_of("lanes", envs=12)
 
     def stop(team):
         return -torch.ones_like(team.fleet.action)
@@ -84,7 +84,7 @@ def test_a_learned_policy_is_followed_where_it_is_the_best_sample():
     assert (planner.cost[follows] < planner.classical[follows]).all()
 
 
-@pytest.mark.parametrize("scenario", ["paper", pytest.param("otter", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("scenario", ["lanes", pytest.param("otter", marks=pytest.mark.slow)])
 def test_an_honest_planner_believes_what_is_measured(scenario):
     team = team_of(scenario, "sensors={gnss={noise=0.05}, contacts={range_noise=0.2}}")
     truth, everywhere = team.mission.world, torch.arange(3)
@@ -111,7 +111,7 @@ def test_an_honest_planner_believes_what_is_measured(scenario):
 def test_plans_are_better_than_the_classical_controller_in_lanes_full_of_obstacles(kind):
     errors = []
     for policy in (ClassicalPolicy(), kind(PlanConfig(samples=64, rounds=2))):
-        team = team_of("paper", "seed=11", envs=12)
+        team = team_of("lanes", "seed=11", envs=12)
         total = torch.zeros(12)
         for _ in range(450):
             step = team.mission.step({"usv": policy(team)})
@@ -131,11 +131,11 @@ def test_plans_are_better_than_the_classical_controller_in_lanes_full_of_obstacl
 )
 def test_plans_that_cannot_be_are_refused_with_the_key(override, told):
     with pytest.raises(ConfigError, match=told):
-        load_scenario("paper", (override,))
+        load_scenario("lanes", (override,))
 
 
 def test_horizons_that_do_not_fit_the_episode_are_refused():
-    team = team_of("paper", "obstacles.count=0", "episode_duration=5", "evaluation.settle=1")
+    team = team_of("lanes", "obstacles.count=0", "episode_duration=5", "evaluation.settle=1")
     for horizon, told in ((0.12, "two decisions of 0.1 s"), (6.0, "beyond episode_duration = 5.0 s")):
         with pytest.raises(ConfigError, match=f"usv.plan.horizon = {horizon} s: must .*{told}"):
             Planner(PlanConfig(horizon=horizon, every=0.1))(team)

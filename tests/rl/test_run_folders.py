@@ -74,6 +74,16 @@ def test_a_configuration_that_no_longer_parses_can_be_replaced(here, run):
     assert set(json.loads(ending.out)["teams"]) == set(TEAMS)
 
 
+def test_a_run_of_the_former_paper_is_told_its_name_now(here, run):
+    file, fast = run / "config.toml", ("--episodes", "1")
+    file.write_text(file.read_text().replace("clearance_min = 3.0", "clearance_min = -3.0") + "\n[usv.residual]\n")
+    for module in ("rl.evaluate", "rl.play"):
+        here(module, run, "--config", "paper").fails(str(run), "is `lanes` now", "--config lanes")
+    ending = here("rl.evaluate", run, *fast, "--set", "usv.residual.velocity=0")
+    assert ending.status == 0 and "classical controller acts" not in ending.err, ending.err
+    here("rl.evaluate", run, *fast, "--set", "usv.residual.velocity=1").fails("its observations differ", "'reference'")
+
+
 @contextlib.contextmanager
 def mounted(folder: Path, options: str):
     """Mount a small file system in memory; skip the test where that is not allowed."""

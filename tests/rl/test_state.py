@@ -19,7 +19,7 @@ from taichi_sim.world import World
 PLUGIN = Path(__file__).parents[1] / "data" / "plugins" / "buoys.toml"
 SMALL = ("track.worlds=8", "sea.realisations=4")
 SCENARIOS = {
-    "paper": SMALL,
+    "lanes": SMALL,
     "otter": (*SMALL, "usv.formation.change_every=4", 'usv.formation.shapes=["abreast","wedge"]'),
     "aerosonde": (*SMALL, "air.std=1.0"),
     "escort": ("escort.worlds=8", "sea.realisations=4"),
@@ -83,7 +83,7 @@ def same(a: list[dict[str, np.ndarray]], b: list[dict[str, np.ndarray]]) -> bool
 
 
 def test_what_comes_after_a_restore_is_what_came_before():
-    for name in ("paper", "otter", str(PLUGIN)):
+    for name in ("lanes", "otter", str(PLUGIN)):
         repeated(name, 40)
 
 
@@ -129,7 +129,7 @@ def test_a_snapshot_outlives_its_mission(tmp_path):
     assert same(before, Driver(other, 5).go(12))
 
 
-@pytest.mark.parametrize("name", ["paper", "otter"])
+@pytest.mark.parametrize("name", ["lanes", "otter"])
 def test_a_fork_that_shares_the_noise_does_what_its_source_does(name):
     """Sizes lie on one side of where kernels begin to use threads (`runtime.few`): the bits are the same."""
     mission = begun(name, 4)
@@ -188,7 +188,7 @@ def test_a_world_without_a_mission_forks_too():
 
 
 def test_numbers_and_loads_that_were_given_between_are_taken_back():
-    world = World.from_scenario("paper", 2, teams=("usv",))
+    world = World.from_scenario("lanes", 2, teams=("usv",))
     fleet, action = world.teams["usv"], {"usv": torch.ones((2, 3, 2))}
     saved = world.snapshot()
     world.step(action)
@@ -222,13 +222,13 @@ def test_the_default_keeps_what_it_can_see_and_refuses_by_name_what_it_cannot():
 
 
 def test_what_cannot_be_is_refused_and_nothing_is_written(monkeypatch):
-    mission, other = begun("paper", 3), begun("paper", 4)
+    mission, other = begun("lanes", 3), begun("lanes", 4)
     saved = mission.snapshot()
     everywhere = everything(mission)
     wrong = {
         "3 environments, not 4": lambda: other.restore(saved),
-        "seed 2 instead of 1": lambda: mission.restore(begun("paper", 3, seed=2).snapshot()),
-        "'otter' instead of 'paper'": lambda: mission.restore(begun("otter", 3).snapshot()),
+        "seed 2 instead of 1": lambda: mission.restore(begun("lanes", 3, seed=2).snapshot()),
+        "'otter' instead of 'lanes'": lambda: mission.restore(begun("otter", 3).snapshot()),
         "version 0": lambda: mission.restore(dataclasses.replace(saved, version=0)),
         "no snapshot": lambda: mission.restore({}),
         "name environment 3: there are 0 to 2": lambda: mission.fork([0, 3], 2),

@@ -17,7 +17,7 @@ TINY = (
 
 def test_a_bad_number_is_found_again():
     """A position loop of 0.3 rad/s is too slow to be in place within 6 s."""
-    config = load_scenario("paper", TINY)
+    config = load_scenario("lanes", TINY)
     found = tune(config, "usv", names=("bandwidth",), rounds=4, candidates=5, episodes=8, show_progress=False)
     assert found.numbers["bandwidth"] > 0.5
     assert found.loss < found.loss_before
@@ -26,9 +26,9 @@ def test_a_bad_number_is_found_again():
 
 def test_unknown_numbers_and_zeros_are_refused():
     with pytest.raises(ConfigError, match="usv.control has no bandwith; allowed are acceleration"):
-        tune(load_scenario("paper", TINY), "usv", names=("bandwith",), episodes=4)
+        tune(load_scenario("lanes", TINY), "usv", names=("bandwith",), episodes=4)
     with pytest.raises(ConfigError, match="usv.control.turning = 0 has no logarithm"):
-        tune(load_scenario("paper", TINY), "usv", names=("turning",), episodes=4)
+        tune(load_scenario("lanes", TINY), "usv", names=("turning",), episodes=4)
 
 
 def test_numbers_go_into_the_file_and_nothing_else_changes(tmp_path):

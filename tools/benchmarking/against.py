@@ -18,6 +18,7 @@ from typing import Any
 from tqdm import tqdm
 
 ONE = "one environment"
+PAPER = Path(__file__).resolve().parents[2] / "configs" / "paper.toml"  # this checkout's, for both
 SCENARIO_SIZE = 1024
 GROUPS = ("environment", ONE, "inference", "scenarios", "learning", "physics")
 
@@ -113,7 +114,7 @@ def gymnasium_cases(kind: Any) -> list[Any]:
     kept = importlib.import_module(place).TeamEnv
     cases = []
     for team in ("usv", "uav"):
-        env = kept(team, scenario="paper", seed=1)
+        env = kept(team, scenario=PAPER, seed=1)
         env.reset(seed=2)
         still = np.zeros(env.action_space.shape, dtype=np.float32)
 
@@ -133,7 +134,7 @@ def build(checkout: Path, groups: list[str], sizes: tuple[int, ...], folder: Pat
     Case = importlib.import_module(f"{base}benchmarking.timing").Case  # noqa: N806
 
     benchmark.cli.start(argparse.Namespace(arch="cpu", threads=0))
-    config = benchmark.load_scenario("paper", ())
+    config = benchmark.load_scenario(PAPER, ())
     cases = []
     if "environment" in groups or "inference" in groups:
         cases += [case for case in benchmark.environment_cases(config, sizes) if case.group in groups]

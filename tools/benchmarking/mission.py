@@ -118,14 +118,15 @@ def environment_cases(config: Scenario, sizes: tuple[int, ...]) -> list[Case]:
 
 
 def scenario_cases(size: int, *overrides: str) -> list[Case]:
-    """Each high-fidelity scenario without policies: the team that it trains, or the whole escort.
+    """Steps without policies: corrected boats and aircraft, each team of the main job, the whole escort.
 
     The escort is also timed with wave crests that hide objects from lookouts.
     """
     cases = []
     for label, name, teams, own in (
-        ("otter", "otter", ("usv",), ()),
-        ("aerosonde", "aerosonde", ("uav",), ()),
+        ("lanes", "lanes", ("usv", "uav"), ()),
+        ("cruise, boats", "cruise", ("usv",), ()),
+        ("cruise, aircraft", "cruise", ("uav",), ()),
         ("escort", "escort", ("usv", "uav"), ()),
         ("escort, crests", "escort", ("usv", "uav"), ("usv.lookout.crests=true",)),
     ):

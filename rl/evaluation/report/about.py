@@ -13,7 +13,7 @@ from rl.evaluation.headroom import headroom, read_bounds
 from rl.evaluation.intervals import Interval, differences, intervals
 from rl.evaluation.store import Run, StoredEvaluation
 from rl.evaluation.sweeps import AxisTable, CellRow, SweepTable, named, value_text
-from rl.runs.folder import CONFIG, StageResult, resuming
+from rl.runs.folder import CONFIG, LANES, StageResult, resuming, was_lanes
 from taichi_sim.config.io import toml_text
 from taichi_sim.plotting import moving_mean
 from taichi_sim.plotting.page import COLOURS, blank, folded, missing, panel, paragraph, svg, table, text
@@ -103,6 +103,9 @@ def possible(run: Run) -> str:
             if key in taken and found["oracle"][key].value is not None
         ]
         parts.append(f"<h3>{text(team)}</h3>" + table(("", *found, "headroom taken"), rows))
+    if not parts and was_lanes(run.folder):
+        return missing(f"No oracle of this name fits: {LANES}. Evaluate there:",
+                       f"taichi-sim evaluate {shlex.quote(str(run.folder))} --config lanes")  # fmt: skip
     if not parts:
         return missing("This scenario has no oracle. Run one, then train or evaluate again:",
                        f"python tools/oracle.py {shlex.quote(run.config.name)}")  # fmt: skip
