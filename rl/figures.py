@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 from rl.judge import SHARES
 from rl.mission import Histories, History
@@ -85,8 +84,8 @@ def draw_axes(axes: Axes, histories: Sequence[History], column: str) -> None:
     if len(steps) > 1 and minutes[-1] > 0:
         above = axes.twiny()
         above.set_xlim(axes.get_xlim())
-        ticks = MaxNLocator(4).tick_values(0.0, minutes[-1] / 60)
-        ticks: NDArray[np.float64] = ticks[(ticks >= 0) & (ticks <= minutes[-1] / 60)]
+        ticks = np.asarray(MaxNLocator(4).tick_values(0.0, minutes[-1] / 60))
+        ticks = ticks[(ticks >= 0) & (ticks <= minutes[-1] / 60)]
         at = np.interp(60 * ticks, minutes, steps / 1e6)
         free = np.append(np.diff(at) > NEAR * at[-1], True)
         above.set_xticks(at[free], [f"{tick:.3g}" for tick in ticks[free]])
