@@ -31,6 +31,8 @@ COMMON = {
     "its range (0: all are held, 1: each goes from end to end every time), over actions, vehicles, time and episodes",
 }
 
+SHARES = ("collision_free_episodes", "success_rate")  # figures between 0 and 1 that every episode counts in
+
 Episodes = Mapping[str, NDArray[np.float64]]
 """Numbers of episodes by name: [episode], or [..., episode] for many sets of episodes; NaN: not measured."""
 
@@ -43,7 +45,7 @@ class Judge(Generic[M, C]):
     """Measures one team through a chunk of episodes; a mission derives its own judge and adds figures.
 
     Class attributes: `definitions`, figure -> its definition, in the order in which they are printed; `plotted`, the
-    figures that a sweep plots.
+    figures that sweeps and checkups plot.
     """
 
     definitions: ClassVar[dict[str, str]] = {

@@ -37,7 +37,8 @@ from taichi_sim.recording.overlays import Overlay
 from taichi_sim.state import Snapshot, Stateful
 from taichi_sim.world import World
 
-__all__ = ["COLLIDED", "DIVERGED", "ControllerError", "Endings", "Frame", "Histories", "Mission", "Step", "Team"]
+__all__ = ["COLLIDED", "DIVERGED", "ControllerError", "Endings", "Frame", "Histories", "History", "Mission", "Step",
+           "Team"]  # fmt: skip
 
 TIME_SPAN = 3600.0  # s: an episode begins at a random time of its sea
 COLLIDED, DIVERGED = "collided", "diverged"  # endings that other modules know, too
@@ -47,8 +48,21 @@ T = TypeVar("T", bound=Team)
 _Team = Team  # class attributes hide the names of the types
 _Judge = Judge
 
-Histories = Mapping[str, Mapping[str, NDArray[np.float64]]]
-"""team -> column of a stage's progress.csv -> [iterations]."""
+
+class History(NamedTuple):
+    """How a team learned.
+
+    Attributes:
+        iterations: column of its progress.csv -> [iteration].
+        checkups: controller -> column of its checkups.csv -> [checkup].
+    """
+
+    iterations: Mapping[str, NDArray[np.float64]]
+    checkups: Mapping[str, Mapping[str, NDArray[np.float64]]] = MappingProxyType({})
+
+
+Histories = Mapping[str, History]
+"""By team."""
 
 
 class Endings(dict[str, Tensor]):

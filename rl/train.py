@@ -32,6 +32,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--resume", action="store_true", help="continue the run in --out (default: the newest in runs/)")
     p.add_argument("--watch", action="store_true", help="show the training in a rerun viewer on this machine")
     p.add_argument("--port", type=cli.positive_int, default=9876, help="port of --watch (default: %(default)s)")
+    p.add_argument("--logger", choices=("tensorboard", "wandb", "none"), default="tensorboard",
+                   help="where curves go besides files (default: %(default)s; wandb: extra `wandb`)")  # fmt: skip
     cli.add_common(p)
     cli.add_processes(p, "stages' environments")
     return p
@@ -45,7 +47,13 @@ def main(argv: list[str] | None = None) -> None:
     from rl.runs import launch
     from rl.runs.main_job import report, run_main_job
     from rl.runs.watch import refuse_used, training_view
+    from taichi_sim.config.base import MissingExtraError
 
+    if args.logger == "wandb":
+        from rsl_rl.utils.wandb_log_writer import wandb  # pyright: ignore[reportAttributeAccessIssue]
+
+        if wandb is None:
+            raise MissingExtraError("wandb", "wandb")
     if args.watch and processes.here().first and not launch.launched():
         refuse_used(args.port)
     config, source, out = run_of(args)
@@ -66,7 +74,9 @@ def main(argv: list[str] | None = None) -> None:
             if place.first:
                 print(f"run folder: {out}")
                 cli.tell_corrected(config)
-            summary = run_main_job(config, out, source=source, show_progress=not args.quiet, watch=watch)
+            summary = run_main_job(
+                config, out, source=source, show_progress=not args.quiet, watch=watch, logger=args.logger
+            )
     if summary is None:
         return
     print(report(summary["evaluation"], config, out / run_folder.CONFIG))

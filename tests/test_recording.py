@@ -12,7 +12,8 @@ import pytest
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
-from rl.learn.progress import read_history
+from rl.figures import judged, levels_of
+from rl.learn.progress import read_history, team_history
 from rl.missions.formation import figures
 from rl.missions.formation.figures import write_figures
 from taichi_sim.recording import Episode, Event, Medium, Scene, TeamTrack, write_recording
@@ -248,13 +249,20 @@ def test_arrays_of_the_wrong_shape_are_refused() -> None:
 
 def test_figures_are_pictures(tmp_path: Path) -> None:
     table = tmp_path / "progress.csv"
-    rows = [f"{number},{1000 * number},{number},,{10 * number},0.01" for number in range(20)]
-    table.write_text("iteration,agent_steps,wall_time_s,reward_per_step,episode_reward,policy_loss\n" + "\n".join(rows))
+    rows = [f"{number},{1000 * number},{number},,0.01" for number in range(20)]
+    table.write_text("iteration,agent_steps,wall_time_s,reward_per_step,policy_loss\n" + "\n".join(rows))
     history = read_history(table)
     assert np.isnan(history["reward_per_step"]).all()
-    assert history["episode_reward"][-1] == 190.0
+    checkups = tmp_path / "checkups.csv"  # the untrained team is lost at once, few last at first
+    checkups.write_text(
+        "iteration,agent_steps,wall_time_s,controller,reward_per_step,error_m,measured\n0,0,0,classical,1,0.5,1\n"
+        "0,0,0,policy,-1,,0\n10,10000,9,policy,0.5,30,0.2\n20,19000,19,policy,0.9,0.6,1\n"
+    )
+    history = team_history(tmp_path)
+    assert judged(history) == ["error_m"] and levels_of(history, "error_m") == {"classical": 0.5}
+    assert levels_of(history, "reward_per_step") == {"classical": 1.0, "before training": -1.0}
     written = write_figures(tmp_path / "figures", {"usv": history}, make_episode(steps=260))
-    names = {"scene", "tracking_error", "formation", "reward", "policy_loss"}
+    names = {"scene", "tracking_error", "formation", "reward", "policy_loss", "checkups"}
     assert {path.stem for path in written} == names
     for path in written:
         data = path.read_bytes()

@@ -18,7 +18,7 @@ from rl.evaluation.episodes import SHOWN, EvaluationOutcome, mission_class, show
 from rl.evaluation.sweeps import FOLDER as SWEEPS
 from rl.evaluation.sweeps import JSON, SweepTable
 from rl.judge import Judge
-from rl.learn.progress import HISTORY, read_history
+from rl.learn.progress import HISTORY, team_history
 from rl.mission import Histories
 from rl.runs import folder as run_folder
 from rl.runs.folder import EvaluationResult, Meta, RunError, Summary
@@ -188,7 +188,7 @@ def read_run(folder: Path) -> Run:
         judge=mission_class(config, source).Judge,
         meta=run_folder.read_json(meta, Meta) if meta.is_file() else None,
         summary=run_folder.read_json(summary, Summary) if summary.is_file() else None,
-        histories={team: read_history(folder / team / HISTORY) for team in teams},
+        histories={team: team_history(folder / team) for team in teams},
         evaluations={controller: of for controller, of in found.items() if of is not None},
         headroom=load_headroom(folder),
         shown=shown,

@@ -24,6 +24,7 @@ Policy = Callable[[Team], Tensor]
 UNREADABLE = (RuntimeError, EOFError, OSError, ValueError, LookupError, AttributeError, TypeError,
               pickle.UnpicklingError, zipfile.BadZipFile, zlib.error)  # fmt: skip
 """What reading a file that is no whole checkpoint raises."""
+UNTRAINED = "model_0.pt"  # the weights with which a team's training begins
 OBS_GROUPS = {"actor": ["policy"], "critic": ["policy"]}
 
 
@@ -81,8 +82,8 @@ def write_checkpoint(content: dict, file: Path) -> None:
 
 
 def checkpoints(folder: Path) -> list[Path]:
-    """Checkpoints `model_N.pt` of a stage's folder, newest last."""
-    found = [p for p in folder.glob("model_*.pt") if p.stem.removeprefix("model_").isdigit()]
+    """Checkpoints `model_N.pt` of a team's folder after N >= 1 iterations, newest last."""
+    found = [p for p in folder.glob("model_*.pt") if p.name != UNTRAINED and p.stem.removeprefix("model_").isdigit()]
     return sorted(found, key=lambda p: int(p.stem.removeprefix("model_")))
 
 

@@ -1,33 +1,40 @@
-"""History of a training on rank 0: for each iteration a row of progress.csv, TensorBoard scalars, and a progress
-bar.
+"""History of a training on rank 0: for each iteration a row of progress.csv, scalars of TensorBoard or of Weights and
+Biases, and a progress bar.
+
+Where a later stage or a resumption begins, all episodes begin at once. Means over their first `evaluation.settle` would
+dip there, and are left out.
 """
 
 import contextlib
 import csv
 import io
 import math
-from collections.abc import Sequence
+import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, NamedTuple, TypedDict, Unpack
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from rsl_rl.utils.log_writer import LogWriter
 from rsl_rl.utils.logger import Logger
 from torch import Tensor
 from tqdm import tqdm
 
 from rl import processes
+from rl.mission import History
 from rl.processes import signals
 from taichi_sim.config.io import replacing
 
 if TYPE_CHECKING:
     from rl.learn.env import Companion, Extras
 
-HISTORY = "progress.csv"
+HISTORY, CHECKUPS = "progress.csv", "checkups.csv"
 COLUMNS = (  # the mission's logs follow
-    "iteration", "agent_steps", "wall_time_s", "reward_per_step", "episode_reward", "policy_loss", "value_loss",
-    "entropy", "action_std", "learning_rate",
+    "iteration", "agent_steps", "wall_time_s", "reward_per_step", "policy_loss", "value_loss", "entropy",
+    "action_std", "learning_rate",
 )  # fmt: skip
 SHOWN = 3  # logs beside the progress bar
 
@@ -43,8 +50,26 @@ class Iteration(TypedDict):
     rnd_weight: float | None
 
 
+class NoWriter(LogWriter):
+    """Writes no events; rsl-rl saves checkpoints only beside a writer."""
+
+    def __init__(self, log_dir: str):
+        """Take rsl-rl's argument."""
+
+    def add_scalar(self, tag: str, scalar_value: float, global_step: int) -> None:
+        """Do nothing."""
+
+
+def writer_config(logger: str, folder: Path) -> str | dict[str, object]:
+    """rsl-rl's configuration of the writer "tensorboard", "wandb" or "none", for a team's `folder` in a run's."""
+    if logger == "wandb":
+        os.environ.setdefault("WANDB_RUN_GROUP", folder.parent.name)  # a run of theirs is a stage of ours
+        return {"class_name": "WandbLogWriter", "project_name": "taichi-sim"}
+    return logger if logger == "tensorboard" else {"class_name": NoWriter}
+
+
 class ProgressLogger(Logger):
-    """Logger of rsl-rl that writes TensorBoard and progress.csv and moves a progress bar instead of printing."""
+    """Logger of rsl-rl that writes progress.csv and moves a progress bar instead of printing."""
 
     bar: tqdm | None = None
     elapsed_before = 0.0  # s, before an interruption and in the team's earlier stages
@@ -52,12 +77,13 @@ class ProgressLogger(Logger):
     completed = 0  # iterations
     companions: Sequence["Companion"] = ()  # teams that learn from the same steps (env.py)
     columns: tuple[str, ...] = COLUMNS
-    scale = 1.0  # factor of the learner's rewards
+    settling = 0  # next decisions, whose means are left out
 
     def __init__(self, *args, **options):
         """Take rsl-rl's arguments."""
         super().__init__(*args, **options)
         self._logs: list[dict[str, Tensor]] = []  # logs of this iteration's steps, on every rank
+        self.env_cfg = SimpleNamespace(to_dict=lambda: options["env_cfg"])  # as rsl-rl's writer for wandb wants it
 
     def _store_code_state(self) -> list[str]:
         return []  # the run folder already holds the commit and the package versions
@@ -65,9 +91,8 @@ class ProgressLogger(Logger):
     def process_env_step(
         self, rewards: Tensor, dones: Tensor, extras: "Extras", intrinsic_rewards: Tensor | None = None
     ) -> None:
-        """Count a step."""
+        """Count a step. Returns of finished episodes, which rsl-rl collects, are those of short ones at first."""
         self._logs.append(extras["log"])
-        super().process_env_step(rewards, dones, {**extras, "log": {}}, intrinsic_rewards)
 
     def log(self, it: int, start_it: int, total_it: int, **values: Unpack[Iteration]) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Record one iteration; the runner calls this with rsl-rl's arguments.
@@ -78,7 +103,9 @@ class ProgressLogger(Logger):
         for companion in self.companions:
             companion.update()
         means = self._means()
-        self.completed = it + 1
+        shown, self.completed = means, it + 1
+        means = {} if self.settling > 0 else means
+        self.settling -= self.cfg["num_steps_per_env"]
         if self.writer is not None:
             self.ep_extras = [{key: torch.tensor([value]) for key, value in means.items()}]
             with contextlib.redirect_stdout(io.StringIO()):
@@ -86,7 +113,7 @@ class ProgressLogger(Logger):
             self._write_row(it, means, values)
         if self.bar is None:
             return  # a companion: the driving runner shows progress and handles signals
-        self._show(self.bar, means, values)
+        self._show(self.bar, shown, values)
         if number := processes.greatest(signals.pending()):
             raise signals.interruption(number)
 
@@ -114,7 +141,6 @@ class ProgressLogger(Logger):
             "agent_steps": self.steps_before + (it + 1 - self.iterations_before) * n,
             "wall_time_s": round(self.elapsed_before + self.tot_time, 3),
             "reward_per_step": means.get("/reward"),
-            "episode_reward": sum(self.rewbuffer) / len(self.rewbuffer) / self.scale if self.rewbuffer else None,
             "policy_loss": losses["surrogate"],
             "value_loss": losses["value"],
             "entropy": losses["entropy"],
@@ -131,17 +157,27 @@ class ProgressLogger(Logger):
             writer.writerow({k: "" if v is None else v for k, v in row.items()})
 
 
-def trim_history(file: Path, done: int) -> float:
-    """Drop rows of progress.csv after iteration `done`, the last checkpoint; return the seconds up to it."""
+def read_rows(file: Path) -> list[dict[str, str]]:
+    """The rows of a table in a CSV file; none if there is no file."""
     if not file.is_file():
-        return 0.0
+        return []
     with file.open(newline="", encoding="utf-8") as stream:
-        reader = csv.DictReader(stream)
-        rows = [r for r in reader if r["iteration"].isdigit() and int(r["iteration"]) < done]
+        return list(csv.DictReader(stream, restval=""))
+
+
+def write_rows(file: Path, rows: Sequence[Mapping[str, object]], columns: Sequence[str] = ()) -> None:
+    """Write a table as a CSV file: `columns`, or those of the last row."""
     with replacing(file) as part, part.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, reader.fieldnames or COLUMNS)
+        writer = csv.DictWriter(stream, columns or list(rows[-1]), extrasaction="ignore")
         writer.writeheader()
-        writer.writerows(rows)
+        writer.writerows({k: "" if v is None else v for k, v in row.items()} for row in rows)
+
+
+def trim_history(file: Path, done: int, columns: Sequence[str] = COLUMNS) -> float:
+    """Drop rows of progress.csv after iteration `done`, the last checkpoint; return the seconds up to it."""
+    rows = [r for r in read_rows(file) if r["iteration"].isdigit() and int(r["iteration"]) < done]
+    if file.is_file():
+        write_rows(file, rows, columns)
     return float(rows[-1]["wall_time_s"]) if rows else 0.0
 
 
@@ -160,13 +196,21 @@ def spent(file: Path, iterations: int | None = None) -> Spent:
 
 
 def read_history(path: Path) -> dict[str, NDArray[np.float64]]:
-    """The columns of a stage's progress.csv; a blank is NaN.
+    """The columns of a team's progress.csv; a blank is NaN.
 
     Raises:
         ValueError: if a cell is not a number.
     """
-    with Path(path).open(newline="") as file:
-        reader = csv.DictReader(file, restval="")
-        rows = list(reader)
-        names = reader.fieldnames or []
-    return {name: np.array([float(row[name]) if row[name] else math.nan for row in rows]) for name in names}
+    return _columns(read_rows(path), list(COLUMNS))
+
+
+def team_history(folder: Path) -> History:
+    """What the folder of a team in a run tells of its training."""
+    rows = read_rows(folder / CHECKUPS)
+    of_each = {who: [{k: v for k, v in row.items() if k != "controller"} for row in rows if row["controller"] == who]
+               for who in dict.fromkeys(row["controller"] for row in rows)}  # fmt: skip
+    return History(read_history(folder / HISTORY), {who: _columns(of) for who, of in of_each.items()})
+
+
+def _columns(rows: Sequence[Mapping[str, str]], names: Sequence[str] = ()) -> dict[str, NDArray[np.float64]]:
+    return {name: np.array([float(row[name] or math.nan) for row in rows]) for name in (rows[0] if rows else names)}

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import math
 from pathlib import Path
 
 import torch
@@ -13,6 +14,7 @@ from rl.learn.env import MissionEnv
 from rl.learn.improvement import PlannedImprovement
 from rl.learn.policy import (
     OBS_GROUPS,
+    UNTRAINED,
     CheckpointError,
     actor_config,
     check_signature,
@@ -20,7 +22,7 @@ from rl.learn.policy import (
     write_checkpoint,
 )
 from rl.learn.ppo import LeanPPO
-from rl.learn.progress import COLUMNS, HISTORY, ProgressLogger, spent, trim_history
+from rl.learn.progress import COLUMNS, HISTORY, ProgressLogger, spent, trim_history, writer_config
 from rl.processes import signals
 from rl.scenario import StageConfig
 
@@ -79,13 +81,14 @@ class StageRunner(OnPolicyRunner):
     logger: ProgressLogger
     env: MissionEnv
 
-    def __init__(self, env: MissionEnv, stage: StageConfig, folder: Path, first: int = 0):
-        """Prepare to train `env`; checkpoints, progress.csv and TensorBoard events go to `folder`."""
+    def __init__(self, env: MissionEnv, stage: StageConfig, folder: Path, first: int = 0, logger: str = "tensorboard"):
+        """Prepare to train `env`; checkpoints, progress.csv and the events of `logger` (progress.py) go to `folder`."""
         self.folder, self.stage = folder, stage
         self.first, self.last = first, first + stage.iterations
         with contextlib.redirect_stdout(io.StringIO()):
             privileged = stage.critic == "truth" and "truth" in set(env.get_observations().keys())
-            super().__init__(env, ppo_config(stage, privileged), str(folder), str(env.device))
+            config = ppo_config(stage, privileged) | {"logger": writer_config(logger, folder)}
+            super().__init__(env, config, str(folder), str(env.device))
             self.logger = ProgressLogger(
                 log_dir=str(folder), cfg=self.cfg, env_cfg=env.cfg, num_envs=env.num_envs,
                 is_distributed=self.is_distributed, gpu_world_size=self.gpu_world_size,
@@ -94,7 +97,6 @@ class StageRunner(OnPolicyRunner):
         for group in self.alg.optimizer.param_groups:
             group["fused"], group["foreach"] = True, False  # one kernel for each tensor instead of a dozen
         self._own = own = env.mission.teams[env.team]
-        self.logger.scale = env.scale
         self.logger.columns = (*COLUMNS, *env.mission.logged)
         self.signature = {"observations": list(own.observation_names), "actions": list(own.action_names)}
         self.batches: list[dict[str, int]] = []
@@ -114,8 +116,11 @@ class StageRunner(OnPolicyRunner):
         """Prepare to append to the history; return the number of completed iterations."""
         done, logger = self.current_learning_iteration, self.logger
         logger.completed, logger.iterations_before = done, self.first
+        if done:
+            settle = self.env.mission.config.evaluation.settle
+            logger.settling = math.ceil(settle / self.env.mission.config.decision_interval)
         if processes.here().first:
-            logger.elapsed_before = trim_history(self.folder / HISTORY, done)
+            logger.elapsed_before = trim_history(self.folder / HISTORY, done, logger.columns)
             logger.steps_before = spent(self.folder / HISTORY, self.first).agent_steps
         if isinstance(self.alg, PlannedImprovement):
             self.alg.begin(self.env, self.stage, done - self.first)
@@ -124,6 +129,8 @@ class StageRunner(OnPolicyRunner):
         now = {"processes": self.gpu_world_size, "environments": self.env.mission.num_envs * self.gpu_world_size}
         if not self.batches or self.batches[-1] != self.batches[-1] | now:
             self.batches.append({"since_iteration": done - self.first} | now)
+        if not done and processes.here().first and not (self.folder / UNTRAINED).is_file():
+            self._write(UNTRAINED, 0)
         return done
 
     def train(self, *, show_progress: bool = True, label: str = "") -> None:
@@ -170,9 +177,11 @@ class StageRunner(OnPolicyRunner):
             companion.save(completed - self.first)
         if not self.is_finite():
             raise DivergedError(f"{self.folder}: {DIVERGED} {completed}")
-        infos = self.signature | {"batches": self.batches} | (infos or {})
-        content = self.alg.save() | {"iter": completed, "infos": infos}
-        write_checkpoint(content, self.folder / f"model_{completed}.pt")
+        self._write(f"model_{completed}.pt", completed)
+
+    def _write(self, name: str, completed: int) -> None:
+        infos = self.signature | {"batches": self.batches}
+        write_checkpoint(self.alg.save() | {"iter": completed, "infos": infos}, self.folder / name)
 
     def load(self, path: str, load_cfg: dict | None = None, strict: bool = True, map_location: str | None = None):
         """Continue from a checkpoint: networks, optimiser, completed iterations.

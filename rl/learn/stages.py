@@ -7,7 +7,7 @@ Several teams may learn in one stage (env.py). A stage with `keep = "better"` is
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import torch
 
@@ -35,9 +35,20 @@ Judged = Callable[[Mapping[str, TrainedPolicy]], float]
 """Loss of a set of policies, team -> policy; it decides whether a stage with `keep = "better"` is kept."""
 
 
+class Observers(NamedTuple):
+    """What follows a training and changes nothing of it."""
+
+    logger: str = "tensorboard"  # or "wandb", "none"
+    watch: Watch | None = None
+    ended: Callable[[str], None] | None = None  # called with each stage's name at its end, by every process
+
+
+NOBODY = Observers()
+
+
 def train_stages(
     config: Scenario, out: Path, *, source: Path | None = None, dumps: Path | None = None, judged: Judged | None = None,
-    show_progress: bool = True, watch: Watch | None = None,
+    show_progress: bool = True, observers: Observers = NOBODY,
 ) -> "list[StageResult]":  # fmt: skip
     """Train every stage that is not finished in `out`, from its last checkpoint; return the stages' results.
 
@@ -45,12 +56,14 @@ def train_stages(
     `out`.
 
     Vehicle files lie beside the scenario's file `source`. `dumps` is a folder for environments whose state stopped
-    being finite (taichi_sim/dump.py). Without `judged`, every stage is kept. `watch` is called after each step.
+    being finite (taichi_sim/dump.py). Without `judged`, every stage is kept.
     """
     policies: dict[str, TrainedPolicy] = {}
     for name in config.stages:
-        changed = train_stage(config, out, name, policies, source, dumps, show_progress, watch)
+        changed = train_stage(config, out, name, policies, source, dumps, show_progress, observers)
         policies |= processes.broadcast(partial(_ended, config, out, name, policies, judged, changed))
+        if observers.ended is not None:
+            observers.ended(name)
     return processes.broadcast(lambda: [stage_result(out, name, config) for name in config.stages])
 
 
@@ -73,7 +86,7 @@ def _ended(
 
 def train_stage(
     config: Scenario, out: Path, name: str, policies: Mapping[str, TrainedPolicy], source: Path | None,
-    dumps: Path | None, show_progress: bool, watch: Watch | None = None,
+    dumps: Path | None, show_progress: bool, observers: Observers,
 ) -> bool:  # fmt: skip
     """Train the stage `name` to its last iteration; return False if it was finished already."""
     stage, first, place = config.stages[name], config.iterations_before(name), processes.here()
@@ -94,7 +107,7 @@ def train_stage(
     def runner_of(team: str, others: Mapping[str, Policy | None]) -> StageRunner:
         env = MissionEnv(mission, team, others, scale=1 - stage.discount)
         begun = config.iterations_before(name, team)
-        runner = StageRunner(env, stage, out / team, begun)
+        runner = StageRunner(env, stage, out / team, begun, observers.logger)
         begins = out / team / f"model_{done - first + begun}.pt"
         if done - first + begun or processes.broadcast(begins.is_file):
             runner.load(str(begins))
@@ -105,7 +118,7 @@ def train_stage(
     others |= {companion.env.team: companion for companion in companions}
     runner = runner_of(stage.team, {o: others[o] for o in teams if o != stage.team})
     runner.env.companions, runner.logger.companions = companions, companions
-    runner.env.watch = watch
+    runner.env.watch = observers.watch
     number = list(config.stages).index(name) + 1
     runner.train(show_progress=show_progress and place.first, label=f"stage {number}/{len(config.stages)} {name}")
     return True

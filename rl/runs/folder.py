@@ -3,7 +3,8 @@
 config.toml          the resolved scenario, every key      vehicles/*   vehicle files, and the files that they name
 measured/KEY/*       the scenario's files of spectra, currents and winds over time
 *.py                 your own modules that the scenario or its vehicles name, unless they are installed
-meta.json            seed, versions, commit, machine       progress.csv, model_N.pt, policy.onnx/.pt in TEAM/
+meta.json            seed, versions, commit, machine       progress.csv, checkups.csv, model_N.pt,
+                                                     policy.onnx/.pt in TEAM/
 summary.json         wall times, stages, evaluation        figures/*.png, episode.rrd, .webp, report.html
 evaluation/*         last evaluation of each controller    sweeps/NAME/*    results of sweeps
 dumps/*.dump         environments whose state stopped being finite (tools/replay.py), if any

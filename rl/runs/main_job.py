@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from rl import processes
+from rl.evaluation.checkups import check_stage
 from rl.evaluation.episodes import (
     CHUNK,
     Trial,
@@ -21,8 +22,8 @@ from rl.evaluation.report import write_report
 from rl.evaluation.store import STRIP, save_evaluation, save_headroom
 from rl.learn.env import Watch
 from rl.learn.policy import Policy, load_policy, policies_of
-from rl.learn.progress import HISTORY, read_history, spent
-from rl.learn.stages import train_stages
+from rl.learn.progress import HISTORY, spent, team_history
+from rl.learn.stages import Observers, train_stages
 from rl.mission import ControllerError
 from rl.runs import folder as run_folder
 from rl.runs.folder import EvaluationResult, Summary
@@ -37,12 +38,13 @@ RECORDING, FIGURES = "episode.rrd", "figures"
 
 
 def run_main_job(
-    config: Scenario, out: Path, *, source: Path | None = None, show_progress: bool = True, watch: Watch | None = None
-) -> Summary | None:
+    config: Scenario, out: Path, *, source: Path | None = None, show_progress: bool = True, watch: Watch | None = None,
+    logger: str = "tensorboard",
+) -> Summary | None:  # fmt: skip
     """Train, evaluate, record and draw into the run folder `out`; return the content of summary.json.
 
     With several processes (rl/processes), only rank 0 writes to `out`. The other ranks read their scenario from
-    `source` and return None. `watch` is called after each training step.
+    `source` and return None. `watch` is called after each training step. `logger` is "tensorboard", "wandb" or "none".
 
     Raises:
         ConfigError: if the scenario has nothing to train or its episodes are too short to measure.
@@ -54,10 +56,11 @@ def run_main_job(
     first = processes.here().first
     source = out / run_folder.CONFIG if first else source
     start = time.perf_counter() - sum(spent(out / team / HISTORY).seconds for team in config.trained)
+    checkup = partial(check_stage, config, out, source=source, events=logger != "none", show_progress=show_progress)
     try:
         stages = train_stages(
             config, out, source=source, dumps=out / run_folder.DUMPS, judged=partial(_loss, config, source),
-            show_progress=show_progress, watch=watch,
+            show_progress=show_progress, observers=Observers(logger, watch, checkup),
         )  # fmt: skip
         policies: dict[str, Policy] = processes.broadcast(
             lambda: {t: load_policy(out, config, t) for t in config.trained}
@@ -89,7 +92,7 @@ def _picture(config: Scenario, policies: Mapping[str, Policy], out: Path, show_p
     episode = record_episode(config, policies, seed=seed, source=source, show_progress=show_progress)
     write_recording(episode, out / RECORDING)
     write_strip(episode, out / STRIP)
-    histories = {team: read_history(out / team / HISTORY) for team in policies}
+    histories = {team: team_history(out / team) for team in policies}
     mission_class(config, source).draw_figures(out / FIGURES, histories, episode, config)
 
 

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 INK = "#22313F"
+SPAN = 20.0  # ratio of largest to least value above which a scale is logarithmic
 SMOOTH = 0.05  # width of the moving mean, as a share of a curve's length
 
 
@@ -32,6 +33,13 @@ def dress(axes: Axes, title: str, x: str, y: str) -> None:
     axes.grid(True, color="#DDDDDD", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
+
+
+def log_where_spread(axes: Axes, values: NDArray[np.float64]) -> None:
+    """Make the axis of `values` logarithmic where they span more than SPAN, so that the smaller ones stay visible."""
+    values = values[np.isfinite(values)]
+    if len(values) and values.min() > 0 and values.max() > SPAN * values.min():
+        axes.set_yscale("log")
 
 
 def moving_mean(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -14,8 +14,10 @@ import torch
 from command_line import ITERATIONS, TEAMS, TINY, command, content, sets, tiny_config, tiny_run
 from rerun.chunk import RrdReader
 from rosbags.highlevel import AnyReader
+from rsl_rl.utils import wandb_log_writer
 
 from rl import cli
+from rl.evaluation.checkups import check_stage
 from rl.evaluation.episodes import judge_episodes
 from rl.learn.env import MissionEnv
 from rl.learn.policy import policies_of
@@ -26,6 +28,7 @@ from rl.missions.formation.judge import FormationJudge
 from rl.missions.formation.mission import Formation
 from rl.play import main as play
 from rl.runs import folder as run_folder
+from rl.train import main as train
 from taichi_sim.config.io import config_folder
 
 ROWS = 3 * 8  # vehicles times environments
@@ -93,7 +96,7 @@ def test_the_files_are_there(trained):
         assert [row["iteration"] for row in rows] == [str(i) for i in range(ITERATIONS)]
         assert [int(row["agent_steps"]) for row in rows] == [(i + 1) * ROWS * 8 for i in range(ITERATIONS)]
     figures = list((trained / "figures").glob("*.png"))
-    assert len(figures) == 5 and all(p.read_bytes().startswith(b"\x89PNG") for p in figures)
+    assert len(figures) == 6 and all(p.read_bytes().startswith(b"\x89PNG") for p in figures)
     assert not list(trained.rglob("*.part*"))
 
 
@@ -167,13 +170,44 @@ def test_the_frozen_policy_does_not_change_while_the_other_team_learns(trained, 
     seen = torch.randn((50, 3, usv.num_observations), generator=torch.Generator().manual_seed(3))
     weights, actions = fingerprint(usv), usv.act(seen)
     env = MissionEnv(Formation(config, 8, seed=2), "uav", {"usv": usv})
-    learner = StageRunner(env, config.stages["uav"], tmp_path)
+    learner = StageRunner(env, config.stages["uav"], tmp_path, logger="none")
     before = {k: v.clone() for k, v in learner.alg.get_policy().state_dict().items()}
     learner.train(show_progress=False)
+    assert not list(tmp_path.glob("*tfevents*")) and (tmp_path / f"model_{ITERATIONS}.pt").is_file()
     after = learner.alg.get_policy().state_dict()
     assert any(not torch.equal(before[k], after[k]) for k in before)
     assert fingerprint(usv) == weights
     assert torch.equal(usv.act(seen), actions)
+
+
+def test_checkups_run_all_policies_of_a_stage_on_the_same_episodes(trained, tmp_path):
+    """Equal weights have equal figures; a run that lost its checkups holds them again from its checkpoints."""
+    run = Path(shutil.copytree(trained, tmp_path / "run"))
+    config, source = run_folder.load_config(run)
+    file = run / "uav" / "checkups.csv"
+    rows = history(file)
+    assert [(row["controller"], int(row["iteration"])) for row in rows] == [
+        ("classical", 0), ("policy", 0), ("policy", 1), ("policy", 3), ("policy", 4),
+    ]  # fmt: skip
+    assert set(FormationJudge.plotted) < set(rows[0]) and rows[1] != rows[4]
+    check_stage(config, run, "uav", source=source, show_progress=False)  # held already
+    assert history(file) == rows
+    file.unlink()
+    shutil.copy(run / "uav" / "model_4.pt", run / "uav" / "model_1.pt")
+    check_stage(config, run, "uav", source=source, show_progress=False)
+    again = history(file)
+    assert again[:2] == rows[:2] and again[3:] == rows[3:]
+    own = ("iteration", "agent_steps")
+    assert [{k: v for k, v in row.items() if k not in own} for row in (again[2],)] == [
+        {k: v for k, v in rows[4].items() if k not in own}
+    ]
+
+
+def test_a_logger_that_is_not_installed_is_named_with_its_extra(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr(wandb_log_writer, "wandb", None)
+    assert cli.run(train, ["--logger", "wandb", "--out", str(tmp_path / "out")]) == 1
+    assert 'wandb is not installed: pip install "taichi-sim[wandb]"' in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 # -- the same again -----------------------------------------------------------------------------------------

@@ -8,20 +8,18 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from rl.evaluation.episodes import mission_class
 from rl.evaluation.headroom import headroom, read_bounds
 from rl.evaluation.intervals import Interval, differences, intervals
 from rl.evaluation.store import Run, StoredEvaluation
 from rl.evaluation.sweeps import AxisTable, CellRow, SweepTable, named, value_text
-from rl.runs.folder import CONFIG, LANES, StageResult, resuming, was_lanes
+from rl.figures import LOSS, REWARD, draw_axes, draw_checkups, draw_iterations, judged
+from rl.runs.folder import LANES, StageResult, resuming, was_lanes
 from taichi_sim.config.io import toml_text
-from taichi_sim.plotting import moving_mean
+from taichi_sim.plotting import log_where_spread
 from taichi_sim.plotting.page import COLOURS, blank, folded, missing, panel, paragraph, svg, table, text
 
 NOTHING = "-"
-COLUMNS = ("episode_reward", "policy_loss")  # of every mission; its own columns follow
 FEW = 8  # up to this many values get a tick each
-SPAN = 20.0  # ratio of largest to least value above which a panel's scale is logarithmic
 
 
 def about(run: Run) -> str:
@@ -177,25 +175,38 @@ def curves(runs: Sequence[Run]) -> str:
     teams = list(dict.fromkeys(team for run in runs for team in run.histories))
     if not teams:
         return missing("No training yet.", resuming(runs[0].folder))
-    of_mission = mission_class(runs[0].config, runs[0].folder / CONFIG).logged
-    known = {column for run in runs for history in run.histories.values() for column in history}
-    columns = [name for name in (*COLUMNS, *of_mission) if name in known]
-    figure = blank(3.0 * len(columns), 2.3 * len(teams) + 0.3)
-    grid = figure.subplots(len(teams), len(columns), squeeze=False)
-    for row, team in enumerate(teams):
-        under = "million agent-steps" if row == len(teams) - 1 else ""
-        for column, axes in zip(columns, grid[row], strict=True):
+    known = {team: [run for run in runs if team in run.histories] for team in teams}
+    columns = {
+        team: list(dict.fromkeys([REWARD, *(key for run in of for key in judged(run.histories[team])), LOSS]))
+        for team, of in known.items()
+    }
+    wide = max(map(len, columns.values()))
+    figure = blank(3.0 * wide, 2.6 * len(teams) + 0.3)
+    grid = figure.subplots(len(teams), wide, squeeze=False)
+    for team, line in zip(teams, grid, strict=True):
+        for axes in line[len(columns[team]) :]:
+            axes.set_visible(False)
+        for column, axes in zip(columns[team], line, strict=False):
             for run, colour in zip(runs, (COLOURS["policy"], COLOURS["other"]), strict=False):
-                history = run.histories.get(team, {})
-                if column not in history:
+                if run not in known[team]:
                     continue
-                steps, values = np.asarray(history["agent_steps"]) / 1e6, np.asarray(history[column])
-                axes.plot(steps, values, color=colour, linewidth=0.7, alpha=0.35)
-                axes.plot(steps, moving_mean(values), color=colour, linewidth=1.6, label=run.name)
-            panel(axes, f"{team}: {column.replace('_', ' ')}", under, "")
-    if len(runs) > 1:
-        grid[0][0].legend()
-    return svg(figure, "learning curves")
+                history = run.histories[team]
+                if column in (REWARD, LOSS):
+                    draw_iterations(axes, history, column, colour, "")
+                draw_checkups(axes, history, column, colour, run.name, levels=run is runs[0])
+            draw_axes(axes, [run.histories[team] for run in known[team]], column)
+            panel(axes, f"{team}: {column.replace('_', ' ')}", "million agent-steps" if team == teams[-1] else "", "")
+            handles, labels = axes.get_legend_handles_labels()
+            shown = [(handle, label) for handle, label in zip(handles, labels, strict=True)
+                     if ":" in label or len(runs) > 1]  # fmt: skip
+            if shown:
+                axes.legend(*zip(*shown, strict=True), framealpha=0.0, fontsize=7)
+    lead = (
+        "Dots: the mean policy on held-out episodes, which nothing else uses; hollow: most episodes ended before the "
+        "error could be measured; crosses: all did. Thin lines: each iteration of the training, and their moving mean. "
+        "Dashed: the classical controller; dotted: the policy before its training. Above: minutes of training."
+    )
+    return paragraph(lead, "faint") + svg(figure, "learning curves")
 
 
 def sweeps(run: Run, other: Run | None) -> str:
@@ -241,7 +252,7 @@ def _axis(run: Run, content: SweepTable, k: int, beside: str, also: SweepTable |
                 _band(axes, axis, rows, team, who, key, COLOURS["policy" if who == "policy" else "classical"], who)
             if others is not None:
                 _band(axes, axis, others, team, "policy", key, COLOURS["other"], beside)
-            _scale(axes)
+            log_where_spread(axes, np.concatenate([np.asarray(line.get_ydata(), dtype=float) for line in axes.lines]))
             panel(axes, f"{team}: {key}", f"{axis['name']}{unit}" if team == teams[-1] else "", "")
     grid[0][0].legend(loc="upper left")
     if content["grid"] and len(content["axes"]) > 1:
@@ -273,14 +284,6 @@ def _band(
     axes.plot(x, y, "o-", color=colour, markersize=3.0, linewidth=1.3, label=label)
     if not numeric or len(x) <= FEW:
         axes.set_xticks(x, [value_text(value) for value in values])
-
-
-def _scale(axes: Axes) -> None:
-    """Make the axis logarithmic where values span more than SPAN, so that the smaller controller stays visible."""
-    values = np.concatenate([[1.0], *(np.asarray(line.get_ydata(), dtype=float) for line in axes.lines)])[1:]
-    values = values[np.isfinite(values)]
-    if len(values) and values.min() > 0 and values.max() > SPAN * values.min():
-        axes.set_yscale("log")
 
 
 def _reasons(axis: AxisTable, rows: Sequence[CellRow]) -> str:
