@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-CONTROLLERS = ("policy", "classical", "plan", "oracle", "honest")  # rl.learn.policy.policies_of explains them
+CONTROLLERS = ("policy", "untrained", "classical", "plan", "oracle", "honest")  # see rl.learn.policy.policies_of
 
 
 def add_common(parser: argparse.ArgumentParser) -> None:
@@ -98,7 +98,6 @@ def add_run(parser: argparse.ArgumentParser) -> None:
 
 def open_run(args: argparse.Namespace):
     """Start Taichi; return the scenario of `args.run`, its file, the teams' policies, and the seed of the episodes."""
-    from rl.learn.policy import policies_of
     from rl.runs import folder as run_folder
 
     config, source = run_folder.load_config(args.run, args.overrides, args.config)
@@ -106,23 +105,26 @@ def open_run(args: argparse.Namespace):
     of_worlds = config.evaluation.seed if args.seed is None else args.seed
     if args.controller == "plan":
         args.controller = "oracle"
-    found = policies_of(args.controller, args.run, config)
-    policies = {name: of for name, of in found.items() if name in config.trained}
-    return config, source, policies, of_worlds
+    return config, source, trained_teams(args.controller, args.run, config), of_worlds
+
+
+def trained_teams(kind: str, run: Path, config) -> dict:
+    """Policies of `kind` (rl.learn.policy.policies_of) for the teams that some stage trains: team -> policy."""
+    from rl.learn.policy import policies_of
+
+    return {name: of for name, of in policies_of(kind, run, config).items() if name in config.trained}
 
 
 def open_both(args: argparse.Namespace):
     """Start Taichi; return the controllers that a sweep of `args.run` compares."""
     from rl.evaluation.sweeps import Contest
-    from rl.learn.policy import policies_of
     from rl.missions import load_scenario
     from rl.runs import folder as run_folder
 
     config, source = run_folder.load_config(args.run, args.overrides, args.config)
     start(args)
     rival: str = {"policy": "classical", "plan": "oracle"}.get(args.controller) or args.controller
-    found = {kind: policies_of(kind, args.run, config) for kind in ("policy", rival)}
-    controllers = {kind: {t: p for t, p in of.items() if t in config.trained} for kind, of in found.items()}
+    controllers = {kind: trained_teams(kind, args.run, config) for kind in ("policy", rival)}
 
     def load(overrides: tuple[str, ...]):
         return load_scenario(source, args.overrides, overrides)

@@ -25,8 +25,8 @@ from rl.runs.folder import EvaluationResult, Meta, RunError, Summary
 from rl.scenario import Scenario
 
 FOLDER, HEADROOM = "evaluation", "headroom.json"
-STRIP = "episode.webp"  # pictures of the recorded episode in a row
-CONTROLLERS = ("policy", "classical", "oracle", "honest")
+FILM = "episode.webp"  # of the recorded episode
+CONTROLLERS = ("policy", "untrained", "classical", "oracle", "honest")
 
 
 class EvaluationConditions(NamedTuple):
@@ -156,9 +156,9 @@ class Run(NamedTuple):
     sweeps: dict[str, SweepTable | None]  # name -> sweep.json; None: not finished
 
     @property
-    def strip(self) -> Path | None:
-        """The picture of the recorded episode, if there is one."""
-        return file if (file := self.folder / STRIP).is_file() else None
+    def film(self) -> Path | None:
+        """The film of the recorded episode, if there is one."""
+        return file if (file := self.folder / FILM).is_file() else None
 
     @property
     def name(self) -> str:

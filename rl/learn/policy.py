@@ -203,20 +203,20 @@ class ClassicalPolicy:
 def policies_of(kind: str, run: Path, config: Scenario) -> dict[str, Policy]:
     """A policy for each team: team -> policy.
 
-    Of `kind` "policy" are the policies trained in the folder `run`. The other kinds are for all teams without a script.
-    "classical": the classical controllers. "plan" or "oracle": a planner in forks of the true simulation. "honest": a
-    planner in a world built from what the vehicles know.
+    Of `kind` "policy" are the policies trained in the folder `run`; "untrained": these before their training. The other
+    kinds are for all teams without a script. "classical": the classical controllers. "plan" or "oracle": a planner in
+    forks of the true simulation. "honest": a planner in a world built from what the vehicles know.
 
     Raises:
-        CheckpointError: if the run has no trained policy.
+        CheckpointError: if the run has no such policy.
     """
-    if kind != "policy":
+    if kind not in ("policy", "untrained"):
         make = {"classical": ClassicalPolicy, "honest": HonestPlanner}.get(kind, Planner)
         return {team: make() for team in config.teams if team not in config.scripted}
     teams = [team for team in config.trained if (run / team).is_dir()]
     if not teams:
         raise CheckpointError(f"{run}: no trained policy in it")
-    return {team: load_policy(run, config, team) for team in teams}
+    return {team: load_policy(run, config, team, 0 if kind == "untrained" else None) for team in teams}
 
 
 def load_policy(run: Path, config: Scenario, team: str, iterations: int | None = None) -> TrainedPolicy:

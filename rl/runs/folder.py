@@ -141,7 +141,7 @@ def create(out: Path, config: Scenario, source: Path) -> None:
         RunError: if the folder exists already or cannot be written.
         CheckpointError: if a stage's `start_from` does not exist.
     """
-    from rl.learn.policy import write_checkpoint
+    from rl.learn.policy import UNTRAINED, write_checkpoint
     from rl.learn.stages import starting_weights
 
     weights = starting_weights(config, source.parent)
@@ -162,7 +162,7 @@ def create(out: Path, config: Scenario, source: Path) -> None:
         write_toml(with_measured(config.model_copy(update=saved), places), out / CONFIG)
         for team, content in weights.items():
             (out / team).mkdir()
-            write_checkpoint(content, out / team / "model_0.pt")
+            write_checkpoint(content, out / team / UNTRAINED)
         about = {"scenario_file": source.name, "seed": config.seed, "scenario_digest": digest(config, source)}
         write_json(out / META, describe_machine() | about)
         refuse_existing(made)  # another process may have created it meanwhile
