@@ -1,6 +1,7 @@
 """Plots of an escort: tracks, the approach of the boats, the age of their news, and the training."""
 
 from pathlib import Path
+from string import digits
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -14,10 +15,11 @@ from taichi_sim.conventions import EAST, NORTH
 from taichi_sim.plotting import INK, dress, new_figure, rgb
 from taichi_sim.recording import Episode
 from taichi_sim.recording.overlays import Cylinders, Plot
-from taichi_sim.recording.palette import FOLLOWERS
 
 WIDE = 7.6  # inches
+MAP_WIDE, ROOM = 0.9 * WIDE, 1.15  # width of the map; height of titles and labels, inches
 EVERY = 60.0  # s between two marks on a track
+WINDOW = 5.0  # s, of which the oldest age is drawn
 
 
 def write_escort_figures(
@@ -36,7 +38,7 @@ def scene_figure(episode: Episode, config: EscortScenario) -> Figure:
     parts = config.escort
     low, high = _reach(episode, parts.aircraft)
     tall = (high[0] - low[0]) / (high[1] - low[1])
-    figure = new_figure(WIDE, min(max(WIDE * tall + 1.0, 0.5 * WIDE), 1.5 * WIDE), "An escort from above")
+    figure = new_figure(WIDE, min(max(MAP_WIDE * tall, 0.3 * WIDE), 1.5 * WIDE) + ROOM, "An escort from above")
     axes = figure.subplots()
     step = max(1, round(EVERY / float(episode.time_s[1] - episode.time_s[0])))
     for name, team in episode.teams.items():
@@ -93,8 +95,13 @@ def approach_figure(episode: Episode, config: EscortScenario) -> Figure:
     dress(rows[1], "(b) distance from the slot about it", "", "m")
     for overlay in episode.overlays:
         if isinstance(overlay, Plot):
-            for line, name in enumerate(overlay.lines):
-                rows[2].plot(time, overlay.values[:, line], color=rgb(FOLLOWERS[line % len(FOLLOWERS)]), label=name)
-            rows[2].legend(loc="best", ncols=2, framealpha=0.9)
-    dress(rows[2], "(c) age of the newest look at the vessel that each knows of", "time (s)", "s")
+            for name in dict.fromkeys(line.rstrip(digits) for line in overlay.lines):
+                ages = overlay.values[:, [line.rstrip(digits) == name for line in overlay.lines]].max(axis=1)
+                begins = np.flatnonzero(np.diff(time // WINDOW, prepend=-1.0))
+                oldest = np.maximum.reduceat(ages, begins)
+                colour = rgb(episode.liveries[name].first) if name in episode.liveries else INK
+                rows[2].step(time[begins], oldest, where="post", color=colour, label=name)
+            rows[2].legend(loc="best", framealpha=0.9)
+    rows[2].set_ylim(bottom=0.0)
+    dress(rows[2], f"(c) age of each team's oldest knowledge of the vessel, within {WINDOW:g} s", "time (s)", "s")
     return figure
