@@ -3,10 +3,16 @@
 import argparse
 import shlex
 import sys
+from functools import partial
 from pathlib import Path
 
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+
+def title(controller: str) -> str:
+    """What a film of two controllers calls one of them."""
+    return "trained" if controller == "policy" else controller
 
 
 def parser() -> argparse.ArgumentParser:
@@ -31,6 +37,9 @@ def parser() -> argparse.ArgumentParser:
         metavar=("LAT", "LON"),
         help="latitude and longitude of a bag's origin, degrees (default: 63.48 10.40)",
     )
+    p.add_argument(
+        "--beside", choices=cli.CONTROLLERS, default=None, help="show the same episode with this controller on the left"
+    )
     cli.add_film(p)
     p.add_argument("--live", action="store_true", help="show the episode in a rerun viewer while it is simulated")
     p.add_argument(
@@ -53,11 +62,17 @@ def main(argv: list[str] | None = None) -> None:
     from rl import cli
     from rl.evaluation.record import output_of, record_episode
     from rl.evaluation.store import recording_name
+    from rl.runs.folder import RunError
     from rl.runs.watch import episode_view, refuse_used
     from taichi_sim.config.io import refuse_unwritable
     from taichi_sim.film.files import check_film, write_film
+    from taichi_sim.recording import Episode
 
     output = output_of(args.out, args.origin, show_progress=not args.quiet)
+    if args.beside and output.reader != "rerun":
+        raise RunError("--beside: a bag holds one episode: --out FILE.rrd")
+    if args.beside == args.controller:
+        raise RunError(f"--beside {args.beside}: that is what --controller shows already; give another controller")
     if args.live:
         refuse_used(args.port)
     number = cli.recall(args)
@@ -66,20 +81,25 @@ def main(argv: list[str] | None = None) -> None:
         refuse_unwritable(output.place or args.run)
     how = {"size": args.film_size, "fps": args.film_fps, "speed": args.film_speed, "view": args.film_view}
     if args.film:
-        check_film(args.film, **how, teams=config.teams)
+        check_film(args.film, **how, teams=config.teams, columns=2 if args.beside else 1)
+    record = partial(
+        record_episode, config, seed=seed, number=number, duration=args.duration, source=source,
+        show_progress=not args.quiet,
+    )  # fmt: skip
     with episode_view(args.live, args.port, args.speed) as seen:
-        episode = record_episode(
-            config, policies, seed=seed, number=number, duration=args.duration, source=source,
-            show_progress=not args.quiet, seen=seen,
-        )  # fmt: skip
+        episode = record(policies, seen=seen)
     for event in episode.events:
         print(f"{event.time_s:7.1f} s  {event.text}")
+    shown: Episode | dict[str, Episode] = episode
+    if args.beside is not None:
+        other = record(cli.trained_teams(args.beside, args.run, config))
+        shown = {title(args.beside): other, title(args.controller): episode}
     if args.film:
-        print(f"film: {write_film(episode, args.film, **how, show_progress=not args.quiet)}")
+        print(f"film: {write_film(shown, args.film, **how, show_progress=not args.quiet)}")
         if args.out is None:
             return
     default = f"play-{seed}.rrd" if number is None else recording_name(args.controller, args.shown)
-    path = output.write(episode, output.place or args.run / default)
+    path = output.write(shown, output.place or args.run / default)
     print(f"recording: {output.reader} {shlex.quote(str(path))}")
 
 

@@ -1,6 +1,6 @@
 """What is in a recording's file, and whether its layout shows anything that is not."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from fnmatch import fnmatch
 from pathlib import Path
 
@@ -26,7 +26,7 @@ def contents(view: rrb.View) -> list[str]:
     return [f"/{one.replace('$origin', str(view.origin)).lstrip('/')}" for one in given]
 
 
-def assert_nothing_is_empty(episode: Episode, path: Path) -> None:
+def assert_nothing_is_empty(episode: Episode | Mapping[str, Episode], path: Path) -> None:
     """Every view has something to show, and a frame to show it in."""
     there = entities(path)
     seen = list(parts(blueprint(episode).root_container))

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 from test_recording import make_episode
 
-from taichi_sim.film import FilmError, Picture, check_film, moment_of, write_film, write_strip
+from taichi_sim.film import FilmError, Picture, check_film, moment_of, write_film
 from taichi_sim.film.camera import FollowRig
 from taichi_sim.film.files import film_times
 from taichi_sim.film.moment import TRAIL_S
@@ -113,13 +113,14 @@ def test_a_state_that_is_not_finite_leaves_the_last_picture():
 
 def test_a_film_holds_its_frames_and_nothing_else_is_left(tmp_path):
     episode = make_episode(steps=9)  # 0.8 s
-    assert len(film_times(episode, 10.0, 1.0)) == 9 and len(film_times(episode, 10.0, 2.0)) == 5
+    assert len(film_times([episode], 10.0, 1.0)) == 9 and len(film_times([episode], 10.0, 2.0)) == 5
     for suffix in (".png", ".gif", ".webp"):
         path = write_film(episode, tmp_path / f"film{suffix}", **TINY, speed=2.0)
         assert frames_of(path) == (5, (160, 120))
-    still = write_strip(episode, tmp_path / "strip.webp", size=(160, 120))
-    assert frames_of(still) == (1, (320, 240))
-    assert {path.name for path in tmp_path.iterdir()} == {"film.png", "film.gif", "film.webp", "strip.webp"}
+    both = {"before": make_episode(steps=5), "after": episode}  # the last moment of the shorter one stays
+    path = write_film(both, tmp_path / "both.webp", **TINY, speed=2.0)
+    assert frames_of(path) == (5, (160, 120))
+    assert {path.name for path in tmp_path.iterdir()} == {"film.png", "film.gif", "film.webp", "both.webp"}
 
 
 def test_an_mp4_is_read_back(tmp_path):
@@ -135,11 +136,11 @@ def test_an_interrupted_film_leaves_nothing(tmp_path, monkeypatch, suffix):
         pytest.importorskip("imageio_ffmpeg")
     paint, painted = Picture.paint, []
 
-    def fall(self, moment, note=""):
+    def fall(self, moment, *words):
         painted.append(moment.time_s)
         if moment.time_s > 0.4:
             raise KeyboardInterrupt
-        return paint(self, moment, note)
+        return paint(self, moment, *words)
 
     monkeypatch.setattr(Picture, "paint", fall)
     with pytest.raises(KeyboardInterrupt):

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from recorded import assert_nothing_is_empty
 from rerun.chunk import RrdReader
 
 from rl.figures import judged, levels_of
@@ -282,6 +283,11 @@ def test_the_ring_of_a_slot_goes_round_the_body_in_it(monkeypatch: pytest.Monkey
     ring = np.ptp(above.lines[0].get_data_3d()[0])
     body = np.ptp(bodies[-1].reshape(-1, 3)[:, :2], axis=0).max()
     assert body < ring < 2 * body
+
+
+def test_two_episodes_share_a_recording(tmp_path: Path) -> None:
+    both = {"before": make_episode(steps=3), "after": make_episode(steps=5)}
+    assert_nothing_is_empty(both, write_recording(both, tmp_path / "both.rrd"))
 
 
 def test_each_recording_opens_in_its_own_layout(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import NamedTuple, TypedDict, Unpack
+from typing import Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
 from tqdm import tqdm
@@ -197,7 +197,7 @@ class Output(NamedTuple):
     """Path and format of a recording."""
 
     place: Path | None  # None: the default
-    write: Callable[[Episode, Path], Path]
+    write: Callable[[Any, Path], Path]  # an Episode; a recording for rerun also takes several by caption
     reader: str  # the command that opens it
 
 

@@ -19,7 +19,7 @@ from rl.evaluation.episodes import (
 from rl.evaluation.headroom import judge_on_bounds, read_bounds
 from rl.evaluation.record import record_episode
 from rl.evaluation.report import write_report
-from rl.evaluation.store import STRIP, save_evaluation, save_headroom
+from rl.evaluation.store import FILM, save_evaluation, save_headroom
 from rl.learn.env import Watch
 from rl.learn.policy import Policy, load_policy, policies_of
 from rl.learn.progress import HISTORY, spent, team_history
@@ -30,11 +30,12 @@ from rl.runs.folder import EvaluationResult, Summary
 from rl.scenario import Scenario, derive_seed
 from taichi_sim.arguments import ActionError
 from taichi_sim.config import ConfigError
-from taichi_sim.film.files import write_strip
+from taichi_sim.film.files import write_film
 from taichi_sim.kernels import runtime
 from taichi_sim.recording import write_recording
 
 RECORDING, FIGURES = "episode.rrd", "figures"
+FILM_SIZE, FILM_FPS, FILM_S = (720, 450), 8.0, 10.0  # of the film: px, pictures/s, length in s
 
 
 def run_main_job(
@@ -86,12 +87,19 @@ def run_main_job(
 
 
 def _picture(config: Scenario, policies: Mapping[str, Policy], out: Path, show_progress: bool) -> None:
-    """Record an episode; draw figures of the episode and of the training."""
+    """Record and film an episode of the untrained and of the trained teams; draw figures of it and of the training.
+
+    The film shows what is not measured at the episode's start and as much again, or all of it if all is measured.
+    """
     source = out / run_folder.CONFIG
-    seed = config.evaluation.seed
-    episode = record_episode(config, policies, seed=seed, source=source, show_progress=show_progress)
-    write_recording(episode, out / RECORDING)
-    write_strip(episode, out / STRIP)
+    shown = {
+        caption: record_episode(config, of, seed=config.evaluation.seed, source=source, show_progress=show_progress)
+        for caption, of in (("untrained", policies_of("untrained", out, config)), ("trained", policies))
+    }
+    write_recording(shown, out / RECORDING)
+    until = 2.0 * config.evaluation.settle or config.episode_duration
+    write_film(shown, out / FILM, size=FILM_SIZE, fps=FILM_FPS, speed=until / FILM_S, until=until)
+    episode = shown["trained"]
     histories = {team: team_history(out / team) for team in policies}
     mission_class(config, source).draw_figures(out / FIGURES, histories, episode, config)
 

@@ -3,12 +3,12 @@
 moment.py    an episode at any time       draw.py      what a moment looks like; pen.py collects triangles and strokes
 camera.py    a pinhole camera, and what carries it: behind a team, over everybody, over the map
 water.py     the sea to the horizon       screen.py    where things are on the screen, and their light
-raster.py    triangles to pixels          picture.py   views side by side, with text
+raster.py    triangles to pixels          picture.py   views side by side, with text; several episodes side by side
 files.py     films
 """
 
-from taichi_sim.film.files import FilmError, check_film, write_film, write_strip
+from taichi_sim.film.files import FilmError, check_film, write_film
 from taichi_sim.film.moment import Moment, moment_of
 from taichi_sim.film.picture import Picture
 
-__all__ = ["FilmError", "Moment", "Picture", "check_film", "moment_of", "write_film", "write_strip"]
+__all__ = ["FilmError", "Moment", "Picture", "check_film", "moment_of", "write_film"]

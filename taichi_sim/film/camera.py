@@ -199,11 +199,12 @@ class MapRig:
 
 
 def _company(team: TeamMoment) -> Array:
-    """Positions [n, 3] of the vehicles that stay with the first: the formation, or those near it."""
+    """Positions [n, 3] of the vehicles that stay with the first: twice as far as their slots, or COMPANY_LENGTHS."""
+    reach = COMPANY_LENGTHS * max(team.track.size_m[:2])
     if team.slot_n is not None:
-        return team.position_n
+        reach = max(reach, 2.0 * float(np.linalg.norm(team.slot_n - team.slot_n[0], axis=-1).max()))
     apart = np.linalg.norm(team.position_n - team.position_n[0], axis=-1)
-    return team.position_n[apart <= COMPANY_LENGTHS * max(team.track.size_m[:2])]
+    return team.position_n[apart <= reach]
 
 
 def _bound(team: TeamMoment) -> float:

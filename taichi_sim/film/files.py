@@ -5,7 +5,7 @@ refused before the first picture is drawn; `check_film` refuses them before ther
 """
 
 import errno
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from taichi_sim.config.io import replacing
 from taichi_sim.film.moment import moment_of
-from taichi_sim.film.picture import Picture, check_picture
+from taichi_sim.film.picture import Beside, check_picture
 from taichi_sim.recording.episode import Episode
 
 if TYPE_CHECKING:
@@ -42,8 +42,9 @@ def check_film(
     speed: float = 1.0,
     view: str = "auto",
     teams: Collection[str] | None = None,
+    columns: int = 1,
 ) -> Path:
-    """Check the arguments of `write_film`, and `teams` if known; return the path.
+    """Check the arguments of `write_film`, and `teams` if known, for `columns` episodes side by side; return the path.
 
     Raises:
         FilmError: for an unknown suffix or view, numbers out of range, or a missing extra.
@@ -64,47 +65,57 @@ def check_film(
     if not 0.1 <= fps <= 240 or not 0.01 <= speed <= 1000:
         raise FilmError(f"a film with fps = {fps:g} and speed = {speed:g}: allowed are 0.1 to 240 and 0.01 to 1000")
     try:
-        check_picture(size, view, teams)
+        rows = len(teams) if teams and columns > 1 else 1
+        check_picture((size[0] // columns, size[1] // rows), view, teams)
     except ValueError as fault:
         raise FilmError(str(fault)) from fault
     return path
 
 
 def write_film(
-    episode: Episode,
+    episode: Episode | Mapping[str, Episode],
     path: str | Path,
     *,
     size: tuple[int, int] = SIZE,
     fps: float = FPS,
     speed: float = 1.0,
     view: str = "auto",
+    until: float = np.inf,
     show_progress: bool = False,
 ) -> Path:
     """Write a film of `episode`; return its path.
 
     Args:
-        episode: the episode.
+        episode: the episode, or several by caption, side by side; the last moment of a shorter one stays.
         path: a file that ends in .mp4, .png, .gif or .webp.
         size: width and height, px.
         fps: pictures per second of the film.
         speed: seconds of the episode per second of the film.
         view: "auto" (picture.py), or one view alone: "overview", "map", or a team's name.
+        until: time on the episode's clock at which the film ends, s.
         show_progress: whether to print progress.
 
     Raises:
         FilmError: for an unknown suffix or view, numbers out of range, or a missing extra.
         OSError: for a folder that does not exist, or a full disk. Nothing is written then.
     """
-    path = check_film(path, size=size, fps=fps, speed=speed, view=view, teams=episode.teams)
-    times = film_times(episode, fps, speed)
-    picture = Picture(moment_of(episode, times[0]), size, view)
+    episodes = {"": episode} if isinstance(episode, Episode) else episode
+    teams = next(iter(episodes.values())).teams
+    path = check_film(path, size=size, fps=fps, speed=speed, view=view, teams=teams, columns=len(episodes))
+    times = film_times(episodes.values(), fps, speed, until)
     note = "" if speed == 1.0 else f"   {speed:g}x"
-    shown = tqdm(times, desc="film", unit="frame", disable=not show_progress)
-    frames = (picture.paint(moment_of(episode, time), note) for time in shown)
+
+    def painted(times: Iterable[float]) -> Iterator[NDArray[np.uint8]]:
+        picture = None
+        for time in times:
+            moments = {caption: moment_of(one, time) for caption, one in episodes.items()}
+            picture = picture or Beside(moments, size, view)
+            yield picture.paint(moments, note)
+
+    frames = painted(tqdm(times, desc="film", unit="frame", disable=not show_progress))
 
     def samples() -> Iterator[NDArray[np.uint8]]:
-        other = Picture(moment_of(episode, times[0]), size, view)
-        return (other.paint(moment_of(episode, time), note) for time in times[:: -(-len(times) // SAMPLED)])
+        return painted(times[:: -(-len(times) // SAMPLED)])
 
     kind = path.suffix.lower()
     with replacing(path) as part:
@@ -115,25 +126,11 @@ def write_film(
     return path
 
 
-def write_strip(episode: Episode, path: Path, *, count: int = 4, size: tuple[int, int] = (560, 400)) -> Path:
-    """Write `count` moments of an episode, evenly spread, as one picture of two columns; the suffix sets the format."""
-    from PIL import Image
-
-    first, last = float(episode.time_s[0]), float(episode.time_s[-1])
-    picture = Picture(moment_of(episode, first), size)
-    page = Image.new("RGB", (2 * size[0], -(-count // 2) * size[1]))
-    for k, share in enumerate((np.arange(count) + 0.5) / count):
-        frame = picture.paint(moment_of(episode, first + share * (last - first)))
-        page.paste(Image.fromarray(frame), (k % 2 * size[0], k // 2 * size[1]))
-    with replacing(path) as part:
-        page.save(part, quality=70)
-    return path
-
-
-def film_times(episode: Episode, fps: float, speed: float) -> NDArray[np.floating]:
-    """Times (s, on the episode's clock) of a film's pictures; at least one."""
-    first, last = float(episode.time_s[0]), float(episode.time_s[-1])
-    return np.arange(first, last + 1e-6, speed / fps)
+def film_times(episodes: Collection[Episode], fps: float, speed: float, until: float = np.inf) -> NDArray[np.floating]:
+    """Times (s, on the episodes' clock) of a film's pictures, to the end of the longest or `until`; at least one."""
+    first = min(float(one.time_s[0]) for one in episodes)
+    last = min(until, max(float(one.time_s[-1]) for one in episodes))
+    return np.arange(first, max(last, first) + 1e-6, speed / fps)
 
 
 def _ffmpeg() -> ModuleType:
@@ -172,7 +169,7 @@ def _write_animation(frames: Iterable[NDArray[np.uint8]], part: Path, kind: str,
         palette = _palette(samples())  # dithering would compress badly
         pages = (page.quantize(palette=palette, dither=Image.Dither.NONE) for page in pages)
     first, *others = pages
-    how: dict[str, int] = {".webp": {"quality": 60, "method": 3}, ".gif": {"optimize": False}, ".png": {}}[kind]
+    how: dict[str, int] = {".webp": {"quality": 55, "method": 2}, ".gif": {"optimize": False}, ".png": {}}[kind]
     with part.open("wb") as file:
         every = round(1000.0 / fps)
         first.save(file, kind[1:].upper(), save_all=True, append_images=others, duration=every, loop=0, **how)

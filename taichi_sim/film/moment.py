@@ -33,6 +33,7 @@ class TeamMoment(NamedTuple):
     course: float  # course of the team, rad
     target_n: Array | None  # [3]
     slot_n: Array | None  # [V, 3]
+    error_m: Array | None  # [V]
     trail_n: Array  # [n, V, 3] past positions, oldest first; NaN where a vehicle was placed anew
 
     @property
@@ -88,7 +89,8 @@ def moment_of(episode: Episode, time_s: float) -> Moment:
         course = euler(quaternion)[2][0] if turn is None else _angle(turn[step], turn[after], share)
         teams[name] = TeamMoment(
             track, liveries[name], place, quaternion, between(track.velocity_n), float(course),
-            perhaps(track.target_n), perhaps(track.slot_n), _trail(track, clock, step, now, place),
+            perhaps(track.target_n), perhaps(track.slot_n), perhaps(track.error_m),
+            _trail(track, clock, step, now, place),
         )  # fmt: skip
     return Moment(
         name=episode.name,

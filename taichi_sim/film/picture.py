@@ -5,7 +5,8 @@ overview if the recording has one, else the first team), and beside it a view of
 picture has one view without words. Pillow draws words once, in matplotlib's sans serif; they are then laid over pixels.
 """
 
-from collections.abc import Collection
+from collections import Counter
+from collections.abc import Collection, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -35,6 +36,7 @@ MOST = 25.0  # greatest enlargement
 ROOM = 0.8  # greatest length of an enlarged body over the distance to the nearest team mate
 ARROW = np.array([(0.7, 0.0), (-0.5, 0.4), (-0.3, 0.0), (-0.5, -0.4), (0.7, 0.0)])
 MARK_PX = 8.0  # length of a vehicle's mark on the map
+PART_LETTERS, PART_TITLE = 1.7, 2.2  # sizes of letters in a part of a picture over those in a picture of its size
 EVENT_S = 4.0  # time for which the text of an event is shown
 DARK = (30, 52, 70)
 
@@ -118,34 +120,39 @@ def check_picture(size: tuple[int, int], view: str, teams: Collection[str] | Non
 class Picture:
     """Draws pictures of one size; moments must come in order."""
 
-    def __init__(self, moment: Moment, size: tuple[int, int], view: str = "auto", cast: Cast | None = None) -> None:
+    def __init__(
+        self, moment: Moment, size: tuple[int, int], view: str = "auto", cast: Cast | None = None, *, part: bool = False
+    ) -> None:
         """Arrange the views for the teams in `moment`, in a picture of `size` (width, height, px).
 
         `view` is "auto", or one view alone: "overview", "map", or a team's name. Several pictures of one mission share
-        the bodies in `cast`.
+        the bodies in `cast`. A `part` of a larger picture has no map in its corner, and larger letters.
 
         Raises:
             ValueError: if the size or the view cannot be drawn.
         """
         check_picture(size, view, moment.teams)
-        self.size = size
+        self.size, self._part = size, part
         self._last: Pixels = np.full((size[1], size[0], 3), 128, np.uint8)
-        self._cast, self._views = cast or Cast(), _arranged(moment, size, view)
+        self._cast, self._views = cast or Cast(), _arranged(moment, size, view, part)
 
-    def paint(self, moment: Moment, note: str = "") -> Pixels:
-        """A picture [height, width, 3] with `note` beside the time; the last one again if a state is not finite."""
+    def paint(self, moment: Moment, note: str = "", title: str | None = None) -> Pixels:
+        """A picture [height, width, 3]; the last one again if a state is not finite.
+
+        Its upper left corner has a `title` (default: the moment's name; "": none), the time, `note`, and recent events.
+        """
         if not moment.finite():
             return self._last.copy()
         wide, high = self.size
         picture = np.full((high, wide, 3), 255, np.uint8)
-        with_words = min(wide, high) >= SMALL or (wide >= SMALL and high >= 0.7 * SMALL)
+        with_words = wide >= SMALL and high >= 0.7 * SMALL or self._part
         pen = Pen()
         draw_moment(pen, moment)
         for view in self._views:
             part = self._view(moment, view, pen, with_words)
             picture[view.top : view.top + part.shape[0], view.left : view.left + part.shape[1]] = part
         if with_words:
-            self._words(picture, moment, note)
+            self._words(picture, moment, note, moment.name if title is None else title)
         self._last = picture
         return picture.copy()
 
@@ -169,21 +176,25 @@ class Picture:
         part = view.raster.draw(camera, solids, strokes, water)
         if with_words:
             _label(part, moment, view, camera, drawing, scales)
-            _caption(part, view, camera, scales)
+            letters = _letters(PART_LETTERS * size[1] if self._part else max(size[1], 360))
+            _caption(part, moment, view, camera, scales, letters)
         return part
 
-    def _words(self, picture: Pixels, moment: Moment, note: str) -> None:
-        """Write the clock and recent events."""
-        size = _letters(self.size[1])
-        clock = f"{moment.name}   {int(moment.time_s // 60)}:{moment.time_s % 60:04.1f}{note}"
-        write(picture, clock, (size * 0.6, size * 0.5), size=size)
+    def _words(self, picture: Pixels, moment: Moment, note: str, title: str) -> None:
+        """Write the clock and, but in a part, recent events."""
+        size = _letters(self.size[1] * (PART_TITLE if self._part else 1.0))
+        clock = f"{title}   {int(moment.time_s // 60)}:{moment.time_s % 60:04.1f}{note}"
+        if title:
+            write(picture, clock, (size * 0.6, size * 0.5), size=size)
+        if self._part:
+            return
         fresh = [event for event, _ in moment.events if moment.time_s - event.time_s < EVENT_S]
         for line, event in enumerate(fresh[-3:]):
             place, tint = (size * 0.6, size * (2.0 + 1.4 * line)), _light(event_colour(event.kind))
             write(picture, event.text, place, size=size, colour=tint)
 
 
-def _arranged(moment: Moment, size: tuple[int, int], view: str) -> list[View]:
+def _arranged(moment: Moment, size: tuple[int, int], view: str, part: bool) -> list[View]:
     """The views and their positions in the picture."""
     wide, high = size
     teams = list(moment.teams)
@@ -204,7 +215,7 @@ def _arranged(moment: Moment, size: tuple[int, int], view: str) -> list[View]:
         return View(left, top, raster, FollowRig(name), "far", title, {name: NEAR_PX})
 
     large = ("overview" if overview else first) if view == "auto" else view
-    if min(wide / 4 * 3, high) < 0.75 * SMALL or view in ("map", "overview"):
+    if part or min(wide / 4 * 3, high) < 0.75 * SMALL or view in ("map", "overview"):
         return [of(large, 0, 0, wide, high)]
     if len(teams) == 1 or view != "auto":
         side = int(INSET * high)
@@ -228,7 +239,7 @@ def _thick(size: tuple[int, int]) -> float:
     return float(np.clip(min(size[1], 0.75 * size[0]) / 480.0, 0.62, 3.0))
 
 
-def _letters(high: int) -> int:
+def _letters(high: float) -> int:
     """Size of letters (px) in a picture `high` px high."""
     return int(np.clip(round(0.029 * high), 10, 40))
 
@@ -320,9 +331,12 @@ def _light(colour: Colour) -> Colour:
     return red, green, blue
 
 
-def _caption(part: Pixels, view: View, camera: FilmCamera, scales: dict[str, float]) -> None:
-    """Write a view's caption at the lower left: an overview's enlargement of bodies, a map's scale."""
-    letters = _letters(max(view.raster.size[1], 360))
+def _caption(
+    part: Pixels, moment: Moment, view: View, camera: FilmCamera, scales: dict[str, float], letters: int
+) -> None:
+    """Write a view's caption at the lower left: a team's error and how many of it have ended, an overview's enlargement
+    of bodies, a map's scale.
+    """
     high, wide = part.shape[:2]
     if view.kind == "map":
         metres = _metres(camera, view.raster.size)
@@ -334,6 +348,62 @@ def _caption(part: Pixels, view: View, camera: FilmCamera, scales: dict[str, flo
         part[[0, -1]], part[:, [0, -1]] = 250, 250
         return
     larger = ", ".join(f"{name} {scale:.0f}x" for name, scale in scales.items() if scale >= 1.5)
-    text = "; ".join(words for words in (view.title, f"drawn larger: {larger}" if larger else "") if words)
-    if text and _words(text, letters)[0].shape[1] <= wide - 12:
-        write(part, text, (6, high - 5), size=letters, anchor=(0.0, 1.0))
+    told = (view.title, _error(moment, view), _ended(moment, view), f"drawn larger: {larger}" if larger else "")
+    words = [words for words in told if words]
+    while words and _words("; ".join(words), letters)[0].shape[1] > wide - 12:
+        words.pop()
+    if words:
+        write(part, "; ".join(words), (6, high - 5), size=letters, anchor=(0.0, 1.0))
+
+
+def _error(moment: Moment, view: View) -> str:
+    """The rms error of the team that a view follows."""
+    team = moment.teams[view.rig.team] if isinstance(view.rig, FollowRig) else None
+    if team is None or team.error_m is None or not np.isfinite(team.error_m).all():
+        return ""
+    rms = float(np.sqrt(np.mean(np.square(team.error_m))))
+    return f"error {rms:.{1 if rms < 9.95 else 0}f} m"
+
+
+def _ended(moment: Moment, view: View) -> str:
+    """How many vehicles of the team that a view follows have ended, by kind of event."""
+    if not isinstance(view.rig, FollowRig):
+        return ""
+    kinds = Counter(event.kind for event, _ in moment.events if event.team == view.rig.team)
+    return ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+
+
+class Beside:
+    """Pictures of one or several episodes, by caption.
+
+    Several are shown side by side, with a row for each team, or with the overview alone if the scene has one.
+    """
+
+    def __init__(self, moments: Mapping[str, Moment], size: tuple[int, int], view: str = "auto") -> None:
+        """Arrange the pictures in one of `size` (width, height, px); see Picture.
+
+        Raises:
+            ValueError: if the size or the view cannot be drawn.
+        """
+        first, self.size = next(iter(moments.values())), size
+        several = len(moments) > 1
+        rows = ["overview"] if first.scene.overview else list(first.teams)
+        if view != "auto" or not several:
+            rows = [view]
+        wide, high = ((px + GAP) // n - GAP for px, n in zip(size, (len(moments), len(rows)), strict=True))
+        self._cells = {
+            caption: [Picture(moment, (wide, high), row, part=several) for row in rows]
+            for caption, moment in moments.items()
+        }
+
+    def paint(self, moments: Mapping[str, Moment], note: str = "") -> Pixels:
+        """A picture [height, width, 3] of the moments; `note` stands beside the time."""
+        wide, high = self.size
+        picture = np.full((high, wide, 3), 255, np.uint8)
+        for column, (caption, cells) in enumerate(self._cells.items()):
+            for row, cell in enumerate(cells):
+                left, top = column * (cell.size[0] + GAP), row * (cell.size[1] + GAP)
+                title = None if len(self._cells) == 1 else "" if row else caption
+                part = cell.paint(moments[caption], note, title)
+                picture[top : top + cell.size[1], left : left + cell.size[0]] = part
+        return picture

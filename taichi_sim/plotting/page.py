@@ -127,7 +127,7 @@ def photograph(file: Path) -> str:
     """A picture file as an element inside the page."""
     kind = file.suffix.removeprefix(".").lower()
     inside = base64.b64encode(file.read_bytes()).decode("ascii")
-    return f'<img alt="moments of an episode" src="data:image/{kind};base64,{inside}">'
+    return f'<img alt="film of an episode" src="data:image/{kind};base64,{inside}">'
 
 
 def page(title: str, lead: str, sections: Iterable[str]) -> str:

@@ -12,11 +12,15 @@ from taichi_sim.recording.palette import FOLLOWERS, TARGET, Colour
 from taichi_sim.recording.stream import Stream
 
 OTHERS = "others"  # suffix of a plot with the lines of all vehicles but the first
+FAINT = 200  # grey of which the lines of an episode beside the main one have a half
 DEGREES = {"rad": ("deg", float(np.degrees(1.0)))}  # unit -> as shown, factor
 
 
 def send_plot(stream: Stream, path: str, values: Array, names: list[str], colours: list[Colour]) -> None:
     """Send values [T, K] as K lines."""
+    names = [f"{stream.caption} {name}".lstrip() for name in names]
+    if stream.faint:
+        colours = [((r + FAINT) // 2, (g + FAINT) // 2, (b + FAINT) // 2) for r, g, b in colours]
     lines = rr.SeriesLines(names=names, colors=colours, widths=[1.5] * len(names))
     stream.static(path, lines)
     flat = np.array(values, dtype=np.float64).reshape(-1)

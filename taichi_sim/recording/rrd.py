@@ -5,6 +5,7 @@ A file is written under a temporary name, then renamed over the old one.
 
 import os
 import uuid
+from collections.abc import Mapping
 from pathlib import Path
 
 import rerun as rr
@@ -41,8 +42,11 @@ def draw(stream: Stream, episode: Episode) -> None:
     send_events(stream, episode)
 
 
-def write_recording(episode: Episode, path: Path) -> Path:
+def write_recording(episode: Episode | Mapping[str, Episode], path: Path) -> Path:
     """Write `episode` to `path`; an old file stays until the new one is complete.
+
+    Several episodes, by caption, are shown side by side; the paths of each begin with its caption. Plots of errors show
+    all of them, the other plots the last one.
 
     Raises:
         OSError: if the disk or the folder cannot take it, with the operating system's reason.
@@ -53,21 +57,22 @@ def write_recording(episode: Episode, path: Path) -> Path:
     rr.set_strict_mode(True)
     try:
         with replacing(path) as part:
-            _write(episode, part)
+            _write({"": episode} if isinstance(episode, Episode) else episode, part)
     finally:
         rr.set_strict_mode(strict)
     return path
 
 
-def _write(episode: Episode, part: Path) -> None:
+def _write(episodes: Mapping[str, Episode], part: Path) -> None:
     """Write the temporary file `part` from memory, because rerun itself would wait forever on a full disk."""
-    recording = uuid.uuid4()
+    recording, (*_, main) = uuid.uuid4(), episodes
     # a viewer stores one layout per application name: with a common name, an episode would open in another's layout
-    application = f"{APPLICATION} {episode.name} {recording.hex[:6]}"
+    application = f"{APPLICATION} {episodes[main].name} {recording.hex[:6]}"
     with rr.RecordingStream(application, recording_id=str(recording)) as rec:
         memory = rec.memory_recording()
-        rec.send_blueprint(blueprint(episode), make_active=False, make_default=True)
-        draw(Stream(rec), episode)
+        rec.send_blueprint(blueprint(episodes), make_active=False, make_default=True)
+        for caption, episode in episodes.items():
+            draw(Stream(rec, caption=caption, faint=caption != main), episode)
     try:
         with part.open("wb") as file:
             file.write(memory.drain_as_bytes())

@@ -24,15 +24,22 @@ class RecordingStream(Protocol):
         """Send one row of `columns` for each time of `clock` to `path`."""
 
 
+def root_of(caption: str) -> str:
+    """The beginning of the paths of an episode with a caption; a single episode has none."""
+    return f"{caption}/" if caption else ""
+
+
 class Stream:
     """Sends static data, and data that change as whole columns."""
 
-    def __init__(self, rec: RecordingStream, *, after_s: float = 0.0, first: int = 0) -> None:
+    def __init__(self, rec: RecordingStream, *, first: int = 0, caption: str = "", faint: bool = False) -> None:
         """Begin an episode on `rec`, an rr.RecordingStream or a replacement for it.
 
-        Its clock counts from `after_s`, its steps from `first`.
+        Its steps count from `first`. Of several episodes, each has a `caption`, the root of its paths; the plots of one
+        beside the main one are `faint`.
         """
-        self.rec, self.first, self.after_s = rec, first, after_s  # first: number of the part's first step
+        self.rec, self.first, self.after_s = rec, first, 0.0  # first: number of the part's first step
+        self.caption, self.root, self.faint = caption, root_of(caption), faint
         self.ns = np.zeros(0, dtype=np.int64)  # [T] clock of the part, ns
         self.memory: dict[str, Any] = {}  # state of drawing between parts
         self.begins = True  # this is the first part
@@ -52,7 +59,7 @@ class Stream:
         """Log static data for the whole recording; further calls for the same path do nothing."""
         if path not in self._said:
             self._said.add(path)
-            self.rec.log(path, thing, static=True)
+            self.rec.log(self.root + path, thing, static=True)
 
     def columns(self, path: str, columns: Iterable, index: NDArray[np.int64] | None = None) -> None:
         """Send one row for each step of the part in `index` (default: all). The caller must not reuse the arrays."""
@@ -63,7 +70,7 @@ class Stream:
             rr.TimeColumn("sim_time", duration=self.ns[index].astype("timedelta64[ns]")),
             rr.TimeColumn("step", sequence=self.first + index),
         ]
-        self.rec.send_columns(path, clock, columns)
+        self.rec.send_columns(self.root + path, clock, columns)
 
     def before(self, key: str, rows: Array) -> Array:
         """The last row of the previous part, or the first of `rows` [T, ...] without one; store the last of `rows`."""

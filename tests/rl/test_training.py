@@ -120,9 +120,13 @@ def test_the_recordings_are_whole(trained, tmp_path):
     out = tmp_path / "mine.rrd"
     status = cli.run(play, [str(trained), "--out", str(out), "--duration", "2", "--quiet", "--threads", "1"])
     assert status == 0
-    for file, steps in ((trained / "episode.rrd", 30), (out, 20)):
+    for file, root, steps in (
+        (trained / "episode.rrd", "/untrained", 30),
+        (trained / "episode.rrd", "/trained", 30),
+        (out, "", 20),
+    ):
         for team in TEAMS:
-            chunks = RrdReader(file).stream().filter(content=f"/world/{team}/vehicle_0", is_static=False)
+            chunks = RrdReader(file).stream().filter(content=f"{root}/world/{team}/vehicle_0", is_static=False)
             taken = {step for chunk in chunks for step in chunk.to_record_batch().column("step").to_pylist()}
             assert len(taken) == steps
 
@@ -162,6 +166,12 @@ def fingerprint(policy) -> str:
     for key, tensor in sorted(policy.actor.state_dict().items()):
         digest.update(key.encode() + tensor.numpy().tobytes())
     return digest.hexdigest()
+
+
+def test_a_run_keeps_the_policies_with_which_its_training_began(trained):
+    before = policies_of("untrained", trained, run_folder.load_config(trained)[0])
+    assert list(before) == list(TEAMS)
+    assert all(fingerprint(before[team]) != fingerprint(policies(trained)[team]) for team in TEAMS)
 
 
 def test_the_frozen_policy_does_not_change_while_the_other_team_learns(trained, tmp_path):

@@ -34,6 +34,7 @@ def write_report(folders: Sequence[Path], out: Path | None = None) -> Path:
     with style():
         parts = [
             section("What was trained", beside(*map(about, runs))),
+            *(section(_titled("Before and after", run, other), photograph(run.film)) for run in runs if run.film),
             section("Learning", curves(runs)),
             section("Figures", figures(runs[0], other)),
             *(section(_titled("What is possible", run, other), possible(run)) for run in runs),
@@ -41,7 +42,6 @@ def write_report(folders: Sequence[Path], out: Path | None = None) -> Path:
                 section(_titled("Conditions", run, other), sweeps(run, other if run is runs[0] else None))
                 for run in runs
             ),
-            *(section(_titled("The recorded episode", run, other), photograph(run.strip)) for run in runs if run.strip),
             *(section(_titled("Two episodes", run, other), shown_episodes(run)) for run in runs),
             *(section(_titled("Collisions", run, other), collisions(run)) for run in runs),
         ]
