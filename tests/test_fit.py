@@ -398,6 +398,7 @@ def test_a_clock_of_large_numbers_changes_nothing(logs, tmp_path):
         np.testing.assert_allclose(a.motion, b.motion, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_what_data_do_not_tell_is_said_and_kept(tmp_path):
     """A boat that never turned says nothing of its yaw damping."""
     files = write_logs("otter_3dof", {"X_u": 1.1}, tmp_path, count=1, seconds=40.0)
@@ -444,6 +445,7 @@ def test_starts_that_disagree_are_told(logs):
     assert "X_u +50 %: as likely" in lines[1] and "X_u -50 %: a worse local minimum" in lines[2]
 
 
+@pytest.mark.slow
 def test_logs_of_two_boats_are_told_apart(tmp_path, capsys):
     """Two logs of one boat, and one of a boat of half its drag."""
     one, two = (write_logs("otter_3dof", {"X_u": f}, tmp_path / str(f), count=2, seconds=20.0) for f in (1.0, 0.5))

@@ -106,6 +106,7 @@ def test_the_mean_wind_is_that_of_the_height(model):
     assert float(flight.read("wind_down").std()) == pytest.approx(sigma, rel=3 / math.sqrt(2 * FLIGHTS))
 
 
+@pytest.mark.slow
 def test_turbulence_may_differ_in_intensity_from_environment_to_environment(make_model):
     """The same gusts, in the first step, times each environment's factor."""
     model = make_model("aerosonde", DT, SUBSTEPS, autopilot={"actions": "altitude"})
