@@ -40,7 +40,8 @@ def test_a_straight_run_in_calm_water_is_straight_to_the_last_bit(constant_model
         team.step(ahead)
     state = team.state[:, 0]
     aside = (POSITION.start + 1, VELOCITY.start + 1, ANGULAR_VELOCITY.start, ANGULAR_VELOCITY.start + 2)
-    assert state[:, VELOCITY.start].min() > 1.0 and (state[:, aside] == 0.0).all()
+    flushed = torch.finfo(state.dtype).tiny  # a thread may take what is below the least normal number for zero, or not
+    assert state[:, VELOCITY.start].min() > 1.0 and (state[:, aside].abs() < flushed).all()
 
 
 @pytest.mark.slow
