@@ -74,6 +74,7 @@ def test_the_helm_is_reversed_between_steps():
     assert coarse.mean("port", "overshoot 2") == pytest.approx(coarse.mean("starboard", "overshoot 2"), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_kvlcc2_turns_as_its_model_did_and_as_published():
     """Free-running tests by MARIN, and the simulation of Yasukawa and Yoshimura (2015), as quoted (docs/trials.md)."""
     setting = Setting("kvlcc2", {}, speed=1.179, dt=0.1)

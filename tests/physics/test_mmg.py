@@ -234,6 +234,7 @@ def test_on_panels_its_loads_are_those_in_the_plane(make_model):
         assert found == pytest.approx(plane.rhs(level, [n, delta], current=[0.2, -0.1])[0, [7, 8, 12]], abs=1e-5)
 
 
+@pytest.mark.slow
 def test_on_panels_it_turns_as_in_the_plane(make_model, bench):
     """In calm water, as far as the second-order step allows, and its shaft and rudder follow alike."""
     action, found = np.array([[[1.0, 1.0]], [[0.6, -0.4]]]), []

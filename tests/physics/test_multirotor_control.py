@@ -105,7 +105,7 @@ def test_thrusts_give_what_is_asked_or_roll_and_pitch_first(frame):
 
 @pytest.mark.parametrize(
     "frame",
-    [name if name in ("coaxial", "twelve") else pytest.param(name, marks=pytest.mark.slow) for name in FRAMES],
+    [name if name == "twelve" else pytest.param(name, marks=pytest.mark.slow) for name in FRAMES],
 )
 def test_any_frame_hovers_and_follows(frame):
     model = craft(

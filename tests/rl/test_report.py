@@ -77,6 +77,7 @@ def test_a_report_says_what_is_missing_and_how_to_make_it(run, here):
         assert words in page, words
 
 
+@pytest.mark.slow
 def test_two_runs_stand_side_by_side(run, tmp_path, here):
     other = shutil.copytree(run, tmp_path / "other")
     config = other / "config.toml"

@@ -167,6 +167,7 @@ def test_a_controller_compared_with_itself_differs_by_nothing(run, file):
             assert all(numbers in ([0.0] * 3, [None] * 3) for numbers in team["difference"].values())
 
 
+@pytest.mark.slow
 def test_an_interrupted_sweep_goes_on_and_ends_in_the_same_bytes(run, file, monkeypatch):
     tables = [swept(run, file) / name for name in ("sweep.json", "sweep.csv")]
     whole = [table.read_bytes() for table in tables]
