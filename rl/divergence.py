@@ -77,6 +77,8 @@ class Divergence:
         parts = PARTS if self._mission.num_envs > MANY else 1
         self._turn = (self._turn + 1) % parts
         rows = [entry.value.index_select(0, envs).flatten() for entry in self._shown[self._turn :: parts]]
+        if not rows:
+            return
         low, high = (float(end) for end in torch.cat(rows).aminmax())  # NaN if one is
         if not (low >= -HUGE and high <= HUGE):
             self._mend(envs)

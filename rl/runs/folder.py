@@ -269,7 +269,7 @@ def load_config(run: Path, overrides=(), config: Path | None = None) -> tuple[Sc
 def was_lanes(run: Path) -> bool:
     """Whether a run is of the scenario `paper` that is `lanes` now."""
     data = read_toml(run / CONFIG) if (run / CONFIG).is_file() else {}
-    return data.get("name") == "paper" and data["obstacles"]["clearance_min"] < 0 and "residual" in data["usv"]
+    return data.get("name") == "paper" and "usv_plan" in data.get("stages", {})  # a stage that `paper` no longer has
 
 
 def _loads(file: Path) -> bool:

@@ -21,7 +21,7 @@ from rl.evaluation.record import record_episode
 from rl.evaluation.report import write_report
 from rl.evaluation.store import FILM, save_evaluation, save_headroom
 from rl.learn.env import Watch
-from rl.learn.policy import Policy, load_policy, policies_of
+from rl.learn.policy import UNTRAINED, Policy, load_policy, policies_of
 from rl.learn.progress import HISTORY, spent, team_history
 from rl.learn.stages import Observers, train_stages
 from rl.mission import ControllerError
@@ -87,14 +87,16 @@ def run_main_job(
 
 
 def _picture(config: Scenario, policies: Mapping[str, Policy], out: Path, show_progress: bool) -> None:
-    """Record and film an episode of the untrained and of the trained teams; draw figures of it and of the training.
+    """Record and film an episode of the untrained (if kept) and of the trained teams; draw it and the training.
 
     The film shows what is not measured at the episode's start and as much again, or all of it if all is measured.
     """
     source = out / run_folder.CONFIG
+    kept = all((out / team / UNTRAINED).is_file() for team in policies)
+    teams = ({"untrained": policies_of("untrained", out, config)} if kept else {}) | {"trained": policies}
     shown = {
         caption: record_episode(config, of, seed=config.evaluation.seed, source=source, show_progress=show_progress)
-        for caption, of in (("untrained", policies_of("untrained", out, config)), ("trained", policies))
+        for caption, of in teams.items()
     }
     write_recording(shown, out / RECORDING)
     until = 2.0 * config.evaluation.settle or config.episode_duration

@@ -76,7 +76,8 @@ def test_a_configuration_that_no_longer_parses_can_be_replaced(here, run):
 
 def test_a_run_of_the_former_paper_is_told_its_name_now(here, run):
     file, fast = run / "config.toml", ("--episodes", "1")
-    file.write_text(file.read_text().replace("clearance_min = 3.0", "clearance_min = -3.0") + "\n[usv.residual]\n")
+    plan = '\n[usv.residual]\n\n[stages.usv_plan]\nteam = "usv"\niterations = 1\n'
+    file.write_text(file.read_text() + plan)
     for module in ("rl.evaluate", "rl.play"):
         here(module, run, "--config", "paper").fails(str(run), "is `lanes` now", "--config lanes")
     ending = here("rl.evaluate", run, *fast, "--set", "usv.residual.velocity=0")
