@@ -235,8 +235,8 @@ def user_errors() -> tuple[type[Exception], ...]:
     from rl.divergence import NotFiniteError
     from rl.learn.policy import CheckpointError
     from rl.learn.runner import DivergedError
-    from rl.mission import ControllerError
     from rl.runs.folder import RunError
+    from rl.team import ControllerError
     from taichi_sim.arguments import ActionError
     from taichi_sim.config import ConfigError
     from taichi_sim.config.base import MissingExtraError

@@ -10,18 +10,16 @@ to `episodes` and `pooled` therefore gets an interval in evaluations, sweeps and
 """
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, ClassVar, Generic, Self, SupportsFloat, TypeVar
+from typing import ClassVar, Generic, Protocol, Self, SupportsFloat, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
 from rl.scenario import Scenario
+from rl.step import Step
+from rl.team import Team
 
-if TYPE_CHECKING:
-    from rl.mission import Mission, Step
-
-M = TypeVar("M", bound="Mission")
 C = TypeVar("C", bound=Scenario)
 
 COMMON = {
@@ -39,6 +37,25 @@ Episodes = Mapping[str, NDArray[np.float64]]
 
 COLLISION_LOSS = 20.0  # loss of an episode with a collision; assumed
 ACTION_RANGE = 2.0  # actions reach from -1 to 1
+
+
+class Judged(Protocol):
+    """What a judge reads of a mission (rl/mission.py)."""
+
+    num_envs: int
+
+    @property
+    def config(self) -> Scenario:
+        """The scenario."""
+        ...
+
+    @property
+    def teams(self) -> Mapping[str, Team]:
+        """Name -> team."""
+        ...
+
+
+M = TypeVar("M", bound=Judged)
 
 
 class Judge(Generic[M, C]):
@@ -69,7 +86,7 @@ class Judge(Generic[M, C]):
         """The measurements, for transfer to another process; the mission itself is left out."""
         return {key: value for key, value in self.__dict__.items() if key != "mission"}
 
-    def see(self, step: "Step", number: int) -> None:
+    def see(self, step: Step, number: int) -> None:
         """Take decision `number` (from 1) into account."""
         alive, ended = ~self.failed, step.endings[self.name]
         self.reward[alive] += step.reward[self.name].double().mean(dim=1).cpu().numpy()[alive]

@@ -1,14 +1,20 @@
-"""The contract of a mission: all that stages, Gymnasium, evaluation and recordings may use.
+"""The contract of a mission: a world, how an episode begins, and the order of a step.
 
 A scenario file names its mission (`mission = "formation"`, a package of rl/missions, or a user's `module:Class`). The
-class derives from `Mission` and implements `begin`, `observe` and `reward`; every other method has a default here.
-A mission owns a `World` with any number of teams. Data of a team are torch tensors [env, vehicle, ...].
+class derives from `Mission`, names the class of its `Team`s (rl/team.py), which own all else, and implements `begin`.
+Data of a team are torch tensors [env, vehicle, ...]. One decision has these phases:
 
-    step     the world moves -> `measure` -> `endings` -> `reward`; adapters, not the mission, reset environments
-    reset    a sea, a time and a wind are drawn -> `begin` places the vehicles -> `measure_again`
+    act       actions are checked; nothing has moved yet
+    move      the world steps; then what is no vehicle (targets, bodies)
+    truth     errors, gaps, contacts, as they are
+    judge     endings and rewards, by the truth
+    begin     environments that ended begin anew: a sea, a time and a wind are drawn, `begin` places vehicles, `truth`
+    perceive  sense (instruments, cameras), exchange (messages), conclude (what each vehicle knows)
+    observe   named terms, by what is known
 
-Observation terms are named: `observe` returns an ordered dictionary. Checkpoints and exported policies store names and
-widths. A policy refuses observations other than those of its training, and names the difference (learn/policy.py).
+`step` ends with `judge`; adapters then `reset` environments. Perception follows when somebody first asks what a team
+knows or observes, at the latest before the next step: once a decision, for environments that go on and for those that
+have begun anew. Whoever asks before a reset has the last observations of an episode.
 """
 
 import math
@@ -26,12 +32,15 @@ from torch import Tensor
 
 from rl.divergence import Divergence, NotFiniteError
 from rl.judge import Judge
+from rl.perception.due import BEGINS, GOES_ON, Due
 from rl.scenario import Scenario, derive_seed
-from rl.team import Controller, ControllerError, Team
+from rl.step import COLLIDED, DIVERGED, Endings, Step
+from rl.team import ControllerError, Team
 from taichi_sim.arguments import Envs, environments, whole_number
 from taichi_sim.config.base import number, span
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import Noise
+from taichi_sim.kernels.rotation import level_states
 from taichi_sim.recording.episode import Episode, Scene
 from taichi_sim.recording.overlays import Overlay
 from taichi_sim.state import Snapshot, Stateful
@@ -40,8 +49,14 @@ from taichi_sim.world import World
 __all__ = ["COLLIDED", "DIVERGED", "ControllerError", "Endings", "Frame", "Histories", "History", "Mission", "Step",
            "Team"]  # fmt: skip
 
+OWNED = ("observe", "reward", "endings", "plan_cost", "log", "info", "controller")
+MOVED = {name: "a team owns it: write it in a class derived from Team, named by `Team`" for name in OWNED} | {
+    "controller": "a team owns it: write `make_controller` in a class derived from Team, named by `Team`",
+    "measure": "write `move` for what is no vehicle, `truth` for what is measured",
+    "measure_again": "write `truth`, which is called for environments that begin, too",
+}
+"""Names of methods that a mission must not have, and what to write instead."""
 TIME_SPAN = 3600.0  # s: an episode begins at a random time of its sea
-COLLIDED, DIVERGED = "collided", "diverged"  # endings that other modules know, too
 
 C = TypeVar("C", bound=Scenario)
 T = TypeVar("T", bound=Team)
@@ -65,36 +80,6 @@ Histories = Mapping[str, History]
 """By team."""
 
 
-class Endings(dict[str, Tensor]):
-    """Why a team's vehicles ended in a step: name -> bool [env, vehicle]. They are not changed afterwards; `any` joins
-    them.
-    """
-
-    def __init__(self, flags: Mapping[str, Tensor]):
-        """Store the flags."""
-        super().__init__(flags)
-        self.any = reduce(or_, self.values())
-
-
-class Step(NamedTuple):
-    """Result of one decision; dictionaries are keyed by team."""
-
-    reward: dict[str, Tensor]  # [env, vehicle]
-    endings: dict[str, Endings]  # [env, vehicle] flags
-    terminated: Tensor  # [env]: some vehicle's episode ended by what happened
-    truncated: Tensor  # [env]: time is up, and nothing happened
-
-    def __repr__(self) -> str:
-        """Mean reward and endings of each team, and how many environments are over."""
-        teams = []
-        for name, reward in self.reward.items():
-            why = ", ".join(f"{int(flag.sum())} {ending}" for ending, flag in self.endings[name].items() if flag.any())
-            teams.append(f"{name} is paid {float(reward.double().mean()):.3g} on average ({why or 'none ended'})")
-        terminated, truncated = int(self.terminated.sum()), int(self.truncated.sum())
-        over = f"{terminated} terminated, {truncated} truncated of {number(len(self.truncated), 'environment')}"
-        return f"<Step: {'; '.join(teams)};\n {over}>"
-
-
 class Frame(NamedTuple):
     """Contents of a recording of one environment at one moment, besides its vehicles.
 
@@ -112,24 +97,23 @@ class Frame(NamedTuple):
 class Mission(Stateful, Generic[C, T]):
     """A mission in `num_envs` environments; see the module.
 
-    Class attributes: `Config`, the scenario class, derived from `Scenario`; `logged`, the names that `log` returns;
-    `Team`, the class of the entries of `teams`; `Judge`, which measures its evaluation (rl/judge.py).
+    Class attributes: `Config`, the scenario class, derived from `Scenario`; `Teams`, name -> class of a team; `Team`,
+    that of all others; `Judge`, which measures its evaluation (rl/judge.py).
 
     Attributes:
         config: the scenario. world: the simulated world. teams: name -> Team, of the teams that take part.
         steps: int64 [env], decisions since the episode began. generator: source of all random draws of episodes.
-        noise: counter of the random numbers of sensors and radio. which: int32 [env], the environments that are to be
-            measured: 1 after a step, 2 as an episode begins, 0 not at all. program: the Taichi program in which it was
-        made, and with which alone it works. device: where tensors live.
+        noise: counter of the random numbers of sensors and radio. due: environments of the phases `move` and `truth`.
+        program: the Taichi program in which it was made, and with which alone it works. device: where tensors live.
     """
 
     Config: ClassVar[type[Scenario]] = Scenario
-    logged: ClassVar[tuple[str, ...]] = ()
     Team: ClassVar[Callable[..., _Team]] = Team
+    Teams: ClassVar[Mapping[str, Callable[..., _Team]]] = MappingProxyType({})
     Judge: ClassVar[type[_Judge]] = Judge
 
-    STATE: tuple[str, ...] = ("world", "steps", "teams", "which", "noise", "divergence")
-    SHARED: tuple[str, ...] = ("generator",)
+    STATE: tuple[str, ...] = ("world", "steps", "teams", "_unperceived", "noise", "divergence")
+    SHARED: tuple[str, ...] = ("generator", "_stale")
 
     @runtime.own_settings()
     def __init__(
@@ -150,8 +134,11 @@ class Mission(Stateful, Generic[C, T]):
         self.program, self.device = self.world.program, self.world.program.device
         self.generator = torch.Generator().manual_seed(derive_seed(seed, "episodes"))
         self.steps = torch.zeros(num_envs, dtype=torch.int64, device=self.device)
-        self.which = torch.zeros(num_envs, dtype=torch.int32, device=self.device)
         self.noise = Noise(num_envs, derive_seed(seed, "sensors"))
+        self._which = torch.zeros(num_envs, dtype=torch.int32, device=self.device)
+        self._unperceived = torch.zeros_like(self._which)  # environments whose vehicles have not perceived yet
+        self._stale = False  # whether there are any
+        self.due = Due(self._which, 0, self.steps, self.noise.table)
         self._all = torch.arange(num_envs, device=self.device)
         self.teams: dict[str, T] = self.make_teams(
             [name for name in self.world.teams if name not in self.world.scripts]
@@ -179,7 +166,14 @@ class Mission(Stateful, Generic[C, T]):
     def _use_controllers(self, names: set[str]) -> None:
         """Make the classical controllers of these teams, so that a snapshot can restore their memory."""
         for name in names:
-            getattr(self.teams[name], "controller")  # noqa: B009
+            _ = self.teams[name].controller
+
+    def __init_subclass__(cls) -> None:
+        """Refuse a method that a team owns, or that has another name."""
+        super().__init_subclass__()
+        for name, now in MOVED.items():
+            if name in cls.__dict__:
+                raise TypeError(f"{cls.__name__}.{name}: {now} (rl/mission.py, rl/team.py)")
 
     def __repr__(self) -> str:
         """Scenario, number of environments, time in the episodes, acting teams, sea."""
@@ -192,8 +186,8 @@ class Mission(Stateful, Generic[C, T]):
     # -- what a mission implements ---------------------------------------------------------------------------------
 
     def make_teams(self, names: Sequence[str]) -> dict[str, T]:
-        """Make the teams `names`, whose fleets are in the world. Default: a `Team` each."""
-        return {name: self.Team(self, name) for name in names}  # pyright: ignore[reportReturnType]
+        """Make the teams `names`, whose fleets are in the world. Default: of its class in `Teams`, or a `Team`."""
+        return {name: self.Teams.get(name, self.Team)(self, name) for name in names}  # pyright: ignore[reportReturnType]
 
     def prepare(self) -> None:
         """Make what all episodes share (tracks, obstacles, starts), once, before the first `reset`."""
@@ -205,22 +199,28 @@ class Mission(Stateful, Generic[C, T]):
         """
         raise NotImplementedError
 
-    def observe(self, team: T) -> dict[str, Tensor]:
-        """Observations of each vehicle of a team for its next decision: term -> [env, vehicle, n], of order one."""
-        raise NotImplementedError
+    def move(self, due: Due) -> None:
+        """Move what is no vehicle, after the world has stepped."""
 
-    def reward(self, team: T, ended: Endings) -> Tensor:
-        """Reward of each vehicle of a team for the last step, [env, vehicle]."""
-        raise NotImplementedError
+    def truth(self, due: Due) -> None:
+        """Measure what is, where it is `due`: after a step, and where an episode has begun. Default: each team's."""
+        for team in self.teams.values():
+            team.truth(due)
 
-    def plan_cost(self, team: T, ended: Tensor) -> Tensor:
-        """Cost of the last step for each vehicle, by which plans of a team are compared (rl/planning), [env, vehicle].
+    def sense(self, due: Due) -> None:
+        """Read instruments and look. Default: each team's `sense`."""
+        for team in self.teams.values():
+            team.sense(due)
 
-        `ended` bool [env, vehicle]: vehicles that ended in this step. Default: minus the reward while a vehicle goes
-        on; afterwards only the penalty that the reward contains.
-        """
-        nothing = torch.zeros_like(ended)
-        return -self.reward(team, Endings({COLLIDED: ended, DIVERGED: nothing}))
+    def exchange(self, due: Due) -> None:
+        """Send and receive messages. Default: each team's `exchange`."""
+        for team in self.teams.values():
+            team.exchange(due)
+
+    def conclude(self, due: Due) -> None:
+        """Update what vehicles know. Default: each team's `conclude`."""
+        for team in self.teams.values():
+            team.conclude(due)
 
     def imagined(self, team: T) -> "Mission[C, T] | None":
         """Return the model in which an honest planner (rl/planning) tries plans of a team: a mission with as many
@@ -237,34 +237,7 @@ class Mission(Stateful, Generic[C, T]):
     def notice(self, team: T) -> None:
         """See what `team` of the real mission knows in each decision, before `believe`, for models with a memory."""
 
-    def measure(self) -> None:
-        """Read the world after a step: move targets, compute errors, sense."""
-
-    def measure_again(self, envs: Tensor) -> None:
-        """Measure environments `envs` [n] that have begun anew, and forget what belonged to their last episode."""
-        self.measure()
-
-    def endings(self, team: T) -> dict[str, Tensor]:
-        """Endings of this mission for a team, in addition to the general ones: name -> bool [env, vehicle]."""
-        return {}
-
     # -- what others use -------------------------------------------------------------------------------------------
-
-    def log(self, team: T, step: Step) -> dict[str, Tensor]:
-        """Numbers of a step for the training's history: name -> a scalar, called after `reward`."""
-        return {}
-
-    def info(self, team: T) -> dict[str, Tensor]:
-        """Entries of Gymnasium's info for a team now, besides its endings: name -> [env, vehicle]."""
-        return {}
-
-    def controller(self, team: T) -> Controller | None:
-        """A classical controller for a team, a policy built from the vehicle model; None if there is none.
-
-        Default: the controller that the vehicle itself offers (`Vehicle.controller`).
-        """
-        kind = team.fleet.model.controller
-        return None if kind is None else kind(team.fleet.model)
 
     @classmethod
     def one_each(cls, config: C, episodes: int) -> C:
@@ -300,30 +273,49 @@ class Mission(Stateful, Generic[C, T]):
             return self._step(actions)
 
     def _step(self, actions: Mapping[str, Tensor | ArrayLike]) -> Step:
+        self.perceive()
         taken = self.world.step(actions)
         self.steps += 1
         for name, team in self.teams.items():
             team.previous_action, team.action = team.action, taken[name]
         gone = self.divergence.gone()
-        self.which.fill_(1)
         self.noise.tick()
-        self.measure()
-        ended = {name: self._ended(team) for name, team in self.teams.items()}
-        reward = {name: self._paid(team, ended[name]) for name, team in self.teams.items()}
+        self._unperceived.fill_(GOES_ON)
+        self._stale = True
+        self._which.fill_(GOES_ON)
+        self.due = self._due(self._which, self.num_envs)
+        self.move(self.due)
+        self.truth(self.due)
+        ended = {name: team.ended() for name, team in self.teams.items()}
+        reward = {name: team.paid(ended[name]) for name, team in self.teams.items()}
         if bool(self.divergence.envs.any()):
             self._end_diverged(ended, reward, gone)
         terminated = reduce(or_, [e.any.any(dim=1) for e in ended.values()])
         truncated = (self.steps >= self.config.episode_steps) & ~terminated
         return Step(reward, ended, terminated, truncated)
 
-    def _ended(self, team: T) -> Endings:
-        fleet = team.fleet
-        return Endings({**self.endings(team), **fleet.model.endings(fleet, self.world), DIVERGED: fleet.never})
+    def _due(self, which: Tensor, count: int) -> Due:
+        return Due(which, count, self.steps, self.noise.table)
 
-    def _paid(self, team: T, ended: Endings) -> Tensor:
-        """Reward of each vehicle, finite."""
-        reward = self.reward(team, ended)
-        return self.finite(reward, lambda: f"the reward of {team.name!r}", lambda: self.reward(team, ended))
+    def perceive(self) -> None:
+        """Sense, exchange messages and conclude, where that has not been done since the last step or reset."""
+        if not self._stale:
+            return
+        self._stale = False  # first: the phases ask what is known
+        due = self._due(self._unperceived, int(self._unperceived.count_nonzero()))
+        if due.count:
+            self.sense(due)
+            self.exchange(due)
+            self.conclude(due)
+            self._unperceived.zero_()
+
+    def measure_anew(self) -> None:
+        """Measure everywhere, as if episodes began, after somebody has written states."""
+        self._unperceived.fill_(BEGINS)
+        self._stale = True
+        self._which.fill_(BEGINS)
+        self.due = self._due(self._which, self.num_envs)
+        self.truth(self.due)
 
     def _end_diverged(self, ended: dict[str, Endings], reward: dict[str, Tensor], gone: Mapping[str, Tensor]) -> None:
         """End the episodes of environments that were put to rest for all vehicles, with a reward of -1 for those that
@@ -337,13 +329,6 @@ class Mission(Stateful, Generic[C, T]):
             if name in gone:
                 reward[name] = reward[name].masked_fill(gone[name], -1.0)
         self.divergence.envs = torch.zeros_like(self.divergence.envs)
-
-    def infos(self, team: T) -> dict[str, Tensor]:
-        """Entries of `info`, finite."""
-        return {
-            key: self.finite(value, lambda key=key: f"{key!r} of {team.name!r}", lambda key=key: self.info(team)[key])
-            for key, value in self.info(team).items()
-        }
 
     def finite(self, values: Tensor, about: Callable[[], str], again: Callable[[], Tensor]) -> Tensor:
         """Return `values` [env, ...], finite: where they are not, their environment is put to rest, and they are
@@ -392,12 +377,23 @@ class Mission(Stateful, Generic[C, T]):
         begin = torch.rand(n, generator=self.generator, dtype=torch.float64) * TIME_SPAN
         self.world.time[envs] = begin.to(self.device)
         self.world.renew(envs)
-        self.which.zero_()
-        self.which[envs] = 2
+        self._which.zero_()
+        self._which[envs] = self._unperceived[envs] = BEGINS
+        self._stale = True
+        self.due = self._due(self._which, n)
         self.begin(envs, **where)
         for team in self.teams.values():
             team.action = team.action.index_fill(0, envs, 0.0)  # not in place: it may be a caller's tensor
-        self.measure_again(envs)
+        self.truth(self.due)
+
+    def place(self, team: str, envs: Tensor, place: Tensor, heading: Tensor, surge: Tensor | float = 0.0) -> None:
+        """Place the vehicles of a team in environments `envs` [n], level, for `begin`; see `World.place`.
+
+        Args:
+            place: [n, vehicle, 2 or 3] NED, m. heading: [n, vehicle], rad. surge: speed ahead, [n, vehicle] or one,
+                m/s.
+        """
+        self.world.place(team, envs, level_states(place, heading, surge))
 
     def reseed(self, seed: int) -> None:
         """Make the draws of later resets depend on `seed` alone; the seas and what `prepare` made stay."""

@@ -1,17 +1,22 @@
 """Reward terms that all missions share, [env, vehicle], and their weighted sum."""
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, TypeVar
+from typing import Protocol, TypeVar
 
 import torch
 from torch import Tensor
 
 from taichi_sim.config import Strict
+from taichi_sim.fleet import Fleet
 
-if TYPE_CHECKING:
-    from rl.team import Team
 
-T = TypeVar("T", bound="Team")
+class Rewarded(Protocol):
+    """What every reward reads of a team."""
+
+    fleet: Fleet
+
+
+T = TypeVar("T", bound=Rewarded)
 E = TypeVar("E")
 W = TypeVar("W", bound=Strict)
 

@@ -1,20 +1,32 @@
-"""The contract of one team of a mission: all that stages, Gymnasium, evaluation and controllers may use."""
+"""The contract of one team of a mission: its whole life.
+
+A mission names the class of its teams. It derives from `Team` and implements `observe` and `reward`; every other method
+has a default here. The mission calls, phase by phase (rl/mission.py), and the team answers:
+
+    truth     errors and gaps of its vehicles, as they are
+    endings, reward, log, info     by the truth
+    sense     instruments and cameras        conclude     what its vehicles know
+    observe   named terms, by what they know
+
+Observation terms are named: `observe` returns an ordered dictionary. Checkpoints and exported policies store names and
+widths. A policy refuses observations other than those of its training, and names the difference (learn/policy.py).
+"""
 
 from collections.abc import Callable, Mapping
 from itertools import chain
-from typing import TYPE_CHECKING, Generic, TypeVar, cast
+from typing import Any, ClassVar, Generic, Protocol, TypeVar, cast
 
 import torch
 from torch import Tensor
 
+from rl.perception.due import Due
+from rl.scenario import Scenario
+from rl.step import COLLIDED, DIVERGED, Endings
 from taichi_sim.config import TeamConfig
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
+from taichi_sim.world import World
 
-if TYPE_CHECKING:
-    from rl.mission import Mission
-
-M = TypeVar("M", bound="Mission")
 S = TypeVar("S", bound=TeamConfig)
 
 Controller = Callable[..., Tensor]
@@ -25,17 +37,44 @@ class ControllerError(RuntimeError):
     """There is no classical controller for a team's vehicles."""
 
 
-class Team(Generic[M, S]):
-    """One team of a mission, as its policy sees it; a mission may derive a class of its own.
+class Host(Protocol):
+    """What a team may ask of its mission (rl/mission.py)."""
 
-    Type parameters: the class of the mission, and that of the team's section (`Team["Ferry", FerrySection]`).
+    @property
+    def config(self) -> Scenario:
+        """The scenario."""
+        ...
+
+    world: World
+    num_envs: int
+    steps: Tensor
+    """int64 [env], decisions since the episode began."""
+
+    def perceive(self) -> None:
+        """Make what teams know current."""
+        ...
+
+    def finite(self, values: Tensor, about: Callable[[], str], again: Callable[[], Tensor]) -> Tensor:
+        """Values that are finite, or computed `again` after their environments were put to rest."""
+        ...
+
+
+M = TypeVar("M", bound=Host)
+
+
+class Team(Generic[M, S]):
+    """One team of a mission; see the module.
+
+    Type parameters: what the team asks of its mission, and the class of its section of the scenario.
+
+    Class attribute: `logged`, the names that `log` returns.
 
     Attributes:
         mission: the mission. name: of the team. section: the team's section of the scenario. fleet: the vehicles.
         action, previous_action: [env, vehicle, action] of the last two steps, zero at the start of an episode.
-        known: what the vehicles know, the input of classical controllers. It has the attributes of a team; by default
-        it is the team itself, the ground truth.
     """
+
+    logged: ClassVar[tuple[str, ...]] = ()
 
     STATE: tuple[str, ...] = ("action", "previous_action", "_in_use")
     SHARED: tuple[str, ...] = ()
@@ -49,7 +88,6 @@ class Team(Generic[M, S]):
             (mission.num_envs, self.fleet.count, len(self.fleet.model.action_names))
         )
         self.previous_action = self.action
-        self.known: object = self
         self._controller: Controller | None = None
 
     @property
@@ -57,12 +95,96 @@ class Team(Generic[M, S]):
         """int64 [env], decisions since the episode began."""
         return self.mission.steps
 
+    # -- phases of a step ------------------------------------------------------------------------------------------
+
+    def truth(self, due: Due) -> None:
+        """Measure what is: errors, gaps, contacts."""
+
+    def sense(self, due: Due) -> None:
+        """Read instruments and look. Writes nothing that another team knows."""
+
+    def exchange(self, due: Due) -> None:
+        """Send and receive the messages of this team."""
+
+    def conclude(self, due: Due) -> None:
+        """Update what the vehicles know, by what they sensed and heard. Writes nothing of another team's."""
+
+    def endings(self) -> dict[str, Tensor]:
+        """Endings beside those of the vehicle itself, by the truth: name -> bool [env, vehicle]."""
+        return {}
+
+    def reward(self, ended: Endings) -> Tensor:
+        """Reward of each vehicle for the last step, by the truth, [env, vehicle]."""
+        raise NotImplementedError(f"{type(self).__name__}.reward")
+
+    def plan_cost(self, ended: Tensor) -> Tensor:
+        """Cost [env, vehicle] of the last step for each vehicle, by which plans are compared (rl/planning).
+
+        `ended` bool [env, vehicle]: vehicles that ended in this step. Default: minus the reward while a vehicle goes
+        on; afterwards only the penalty that the reward contains.
+        """
+        return -self.reward(Endings({COLLIDED: ended, DIVERGED: torch.zeros_like(ended)}))
+
+    def log(self, ended: Endings) -> dict[str, Tensor]:
+        """Numbers of a step for the training's history, `logged`: name -> a scalar."""
+        return {}
+
+    def info(self) -> dict[str, Tensor]:
+        """Entries of Gymnasium's info now, besides the endings: name -> [env, vehicle]."""
+        return {}
+
+    def observe(self) -> dict[str, Tensor]:
+        """Observations of each vehicle for its next decision: term -> [env, vehicle, n], of order one."""
+        raise NotImplementedError(f"{type(self).__name__}.observe")
+
+    # -- what others ask -------------------------------------------------------------------------------------------
+
+    @property
+    def known(self) -> Any:
+        """What the vehicles know, the input of classical controllers: an object with the attributes of a team.
+
+        Default: the team itself, which is the ground truth.
+        """
+        self.mission.perceive()
+        return self._known
+
+    @property
+    def _known(self) -> Any:
+        return self
+
+    def ended(self) -> Endings:
+        """All endings of the last step: the team's, those of its vehicles, and where they are no vehicles any more."""
+        vehicle = self.fleet.model.endings(self.fleet, self.mission.world)
+        return Endings({**self.endings(), **vehicle, DIVERGED: self.fleet.never})
+
+    def paid(self, ended: Endings) -> Tensor:
+        """`reward`, finite."""
+        reward = self.reward(ended)
+        return self.mission.finite(reward, lambda: f"the reward of {self.name!r}", lambda: self.reward(ended))
+
+    def infos(self) -> dict[str, Tensor]:
+        """`info`, finite."""
+        return {
+            key: self.mission.finite(
+                value, lambda key=key: f"{key!r} of {self.name!r}", lambda key=key: self.info()[key]
+            )
+            for key, value in self.info().items()
+        }
+
     @property
     def controller(self) -> Controller | None:
-        """The mission's classical controller of this team, made at its first use; None if there is none."""
+        """The classical controller of the team, made at its first use; None if there is none."""
         if self._controller is None:
-            self._controller = self.mission.controller(self)
+            self._controller = self.make_controller()
         return self._controller
+
+    def make_controller(self) -> Controller | None:
+        """Make a classical controller, built from the vehicle model; None if there is none.
+
+        Default: the controller that the vehicle itself offers (`Vehicle.controller`).
+        """
+        kind = self.fleet.model.controller
+        return None if kind is None else kind(self.fleet.model)
 
     @property
     def _in_use(self) -> Controller | None:
@@ -79,6 +201,7 @@ class Team(Generic[M, S]):
 
         Callers convert a policy's actions by this method before `Mission.step`.
         """
+        self.mission.perceive()
         taken = self.commanded(action)
         if taken is action or not bool(action.isfinite().all()):
             return taken
@@ -123,14 +246,15 @@ class Team(Generic[M, S]):
         """Where actions of the policy have an effect now, bool [env, vehicle]. Default: everywhere."""
         return ~self.fleet.never
 
-    def observe(self) -> Tensor:
-        """Observations [env, vehicle, n] for the next decision, finite: a fresh tensor each time."""
+    def observations(self) -> Tensor:
+        """All terms of `observe` side by side [env, vehicle, n], finite: a fresh tensor each time."""
         with runtime.torch_at_rest():
+            self.mission.perceive()
             return self.mission.finite(self.observations_now(), self._about_observations, self.observations_now)
 
     def observations_now(self) -> Tensor:
-        """Compute `observe`, a fresh tensor. Default: the terms of `Mission.observe`, side by side."""
-        return torch.cat(list(self.mission.observe(self).values()), dim=-1)
+        """Compute `observations`, a fresh tensor."""
+        return torch.cat(list(self.observe().values()), dim=-1)
 
     def _about_observations(self) -> str:
         """What is observed and not finite, for a message."""
@@ -153,13 +277,8 @@ class Team(Generic[M, S]):
 
     @property
     def layout(self) -> Mapping[str, int]:
-        """Terms of the observations and their widths, in order. Default: those that `Mission.observe` gives now."""
-        return {term: value.shape[-1] for term, value in self.mission.observe(self).items()}
-
-    def terms(self) -> dict[str, Tensor]:
-        """The team's observations by term, as views of one `observe`."""
-        layout = self.layout
-        return dict(zip(layout, self.observe().split(list(layout.values()), dim=-1), strict=True))
+        """Terms of the observations and their widths, in order."""
+        return {term: value.shape[-1] for term, value in self.observe().items()}
 
     @property
     def observation_names(self) -> tuple[str, ...]:

@@ -98,6 +98,11 @@ class Views:
         """Cosine and sine [env, vehicle] of the heading, as of the last step."""
         return self.derived[..., HEADING_COS], self.derived[..., HEADING_SIN]
 
+    def to_level(self, vector: Tensor) -> Tensor:
+        """Rotate vectors [env, vehicle, 2 or 3] from n into the level frame: ahead, to starboard (, down)."""
+        (c, s), (north, east, *down) = self.heading, vector.unbind(-1)
+        return torch.stack((c * north + s * east, c * east - s * north, *down), dim=-1)
+
     @property
     def down_b(self) -> Tensor:
         """The world's down direction in b [env, vehicle, 3], as of the last step: roll and pitch without a jump."""

@@ -44,8 +44,9 @@ LAYERS = (
     ("rl.processes", "rl.course"),
     ("rl.perception",),
     ("rl.scenario",),
-    ("rl.divergence", "rl.judge", "rl.rewards"),
+    ("rl.divergence", "rl.step"),
     ("rl.team",),
+    ("rl.judge", "rl.rewards"),
     ("rl.mission",),
     ("rl.guidance", "rl.figures"),
     ("rl.missions", "rl.adapters.render", "rl.planning"),
@@ -148,7 +149,7 @@ def test_every_package_was_walked():
     modules = sources(ROOT)
     for package in PACKAGES:
         assert sum(name.startswith(package + ".") for name in modules) >= 2, package
-    team = set(imports("rl.missions.formation.mission", modules["rl.missions.formation.mission"], set(modules)))
+    team = set(imports("rl.missions.formation.team", modules["rl.missions.formation.team"], set(modules)))
     assert team >= {"rl.perception.sensors", "rl.missions.formation.slots", "rl.guidance.residual"}
 
 

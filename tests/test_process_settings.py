@@ -209,7 +209,7 @@ def test_objects_of_another_precision_are_refused_and_nothing_moves():
             lambda: env.step({"usv": np.zeros((1, 3, 2))}),
             lambda: env.reset(seed=1),
             lambda: env.mission.reset(),
-            lambda: env.mission.teams["usv"].observe(),
+            lambda: env.mission.teams["usv"].observations(),
         ):
             with pytest.raises(ProgramError, match=r"precision 'f32', and Taichi .* 'f64': make it anew, .*ts\.init"):
                 use()

@@ -167,7 +167,7 @@ class BatchedEnv:
         terminated = {name: step.endings[name].any for name in self._acting}
         truncated = {name: over.unsqueeze(1) & ~ended for name, ended in terminated.items()}
         infos = {
-            name: {key: value.clone() for key, value in mission.infos(team).items()} | dict(step.endings[name])
+            name: {key: value.clone() for key, value in team.infos().items()} | dict(step.endings[name])
             for name, team in self._acting.items()
         }
         rewards = {name: step.reward[name] for name in self._acting}
@@ -197,7 +197,7 @@ class BatchedEnv:
 
     def _observe(self) -> ByTeam:
         """Observe; return copies, which a caller may write to."""
-        self._observed = {name: team.observe() for name, team in self._acting.items()}
+        self._observed = {name: team.observations() for name, team in self._acting.items()}
         return self.observations
 
     def _checked(self, actions: Mapping[str, Tensor | np.ndarray]) -> ByTeam:

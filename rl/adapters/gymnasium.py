@@ -217,7 +217,7 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     # -- torch [env, vehicle, n] to NumPy [env, vehicle * n] and back ---------------------------------------
 
     def _observe(self) -> np.ndarray:
-        return _numpy(self.task.teams[self.team].observe().flatten(1).to(torch.float32))
+        return _numpy(self.task.teams[self.team].observations().flatten(1).to(torch.float32))
 
     def _unstacked(self, actions: np.ndarray | Tensor, ignored: np.ndarray) -> Tensor:
         """Check actions and reshape them to [env, vehicle, a], with 0 in environments to be `ignored`."""
@@ -234,7 +234,7 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return {"reward_vehicle": _numpy(step.reward[self.team])} | ends
 
     def _info(self) -> dict[str, np.ndarray]:
-        return {key: _numpy(value) for key, value in self.task.infos(self.task.teams[self.team]).items()}
+        return {key: _numpy(value) for key, value in self.task.teams[self.team].infos().items()}
 
 
 class TeamOptions(TypedDict, total=False):

@@ -90,7 +90,7 @@ class ParallelMission(ParallelEnv[str, np.ndarray, np.ndarray]):
         observations = self._env.reset(seed)
         self._pictures.keep()
         self.agents = self.possible_agents[:]
-        infos = {team: self.task.infos(self.task.teams[team]) for team in self._env.vehicles}
+        infos = {team: self.task.teams[team].infos() for team in self._env.vehicles}
         return self._arrays(observations), self._infos(infos)
 
     def step(

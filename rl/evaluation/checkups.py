@@ -41,7 +41,7 @@ class _SideBySide:
 
     def __call__(self, team: Team) -> Tensor:
         """Actions [env, vehicle, action]."""
-        copies, seen = len(self.learned) + self.classical, team.observe()
+        copies, seen = len(self.learned) + self.classical, team.observations()
         wanted = seen.new_zeros((*seen.shape[:2], len(team.action_names)))
         for c, policy in enumerate(self.learned):
             wanted[c::copies] = policy.act(seen[c::copies])

@@ -239,6 +239,7 @@ def run_episodes(
     judges = {name: mission.Judge(mission, name) for name in mission.teams}
     for number in range(1, mission.config.episode_steps + 1):
         step = mission.step({name: policies[name](team) for name, team in mission.teams.items()})
+        mission.perceive()
         if log is not None:
             log.see(judges, step, number)
         for judge in judges.values():

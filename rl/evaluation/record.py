@@ -66,6 +66,7 @@ class EpisodeReel:
     def add(self, step: Step) -> None:
         """Keep a frame: the world and the mission as they are now, after `step`."""
         self.recorder.add({name: team.action for name, team in self.mission.teams.items()})
+        self.mission.perceive()
         frame, rows = self.mission.frame(self.env), {}
         for name in self.mission.teams:
             row = {**frame.teams.get(name, {}), "reward": step.reward[name][self.env]}

@@ -30,10 +30,10 @@ from rl.evaluation.episodes import judge_episodes, mission_class
 from rl.evaluation.intervals import Interval, differences, intervals
 from rl.judge import Judge
 from rl.learn.policy import CheckpointError, Policy, checkpoints
-from rl.mission import ControllerError
 from rl.missions import find_mission, shipped
 from rl.runs import folder as run_folder
 from rl.scenario import Scenario
+from rl.team import ControllerError
 from taichi_sim.arguments import ActionError
 from taichi_sim.config import ConfigError, Positive, Strict
 from taichi_sim.config.base import Table

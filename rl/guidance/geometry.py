@@ -15,13 +15,14 @@ starboard), which stays level.
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import taichi as ti
 import torch
 from torch import Tensor
 
 from rl.course.tracks import Tracks, TrackSample, track_point
+from rl.perception.due import GOES_ON, NOT_DUE, Due
 from rl.perception.radio import Message
 from taichi_sim.air.wind import wind_factor, wind_shear
 from taichi_sim.config import WorldConfig
@@ -94,8 +95,8 @@ def _follow(
 ):  # fmt: skip
     ti.loop_config(serialize=serial)
     for e in range(target.shape[0]):
-        if which[e] != 0:
-            if which[e] == 1:
+        if which[e] != NOT_DUE:
+            if which[e] == GOES_ON:
                 progress[e] += target[e, 0, SPEED] * track.numbers[INTERVAL]
             place = track_point(track.rows, track.length, ti.cast(env_world[e], ti.i32), progress[e])
             course, speed = place[TrackSample.COURSE], track.numbers[TARGET_SPEED]
@@ -143,17 +144,11 @@ class Targets:
         self._track = runtime.Packed(TrackPack, rows=tracks.rows, length=tracks.length_m, wind=wind, numbers=numbers)
         self._launch = runtime.Launcher(_follow)
 
-    def move(self, which: Tensor, count: int) -> None:
-        """Move targets of environments [env] int32: 0 not at all, 1 by an interval, 2 to `progress`.
+    def move(self, due: Due) -> None:
+        """Move targets by an interval where an episode goes on, to `progress` where one begins."""
+        serial = runtime.few(due.count, each=POINT)
+        self._launch(self.table, self.progress, self._env_world, self._track(), due.which, serial)
 
-        `count` of them are not 0: a few move on the calling thread.
-        """
-        serial = runtime.few(count, each=POINT)
-        self._launch(self.table, self.progress, self._env_world, self._track(), which, serial)
-
-
-if TYPE_CHECKING:
-    from rl.guidance.knowledge import Knowledge
 
 DISTANCE_SCALE = 10.0  # m, where squashed distances are half way to 1
 NEAR = 1e-3  # m: a slot nearer than this has no direction
@@ -231,7 +226,7 @@ def own_frame(derived: ti.template(), e, i, axes: ti.template(), v):
 def _measure(out: ErrorsPack, team: TeamPack, which: whole1, form: ti.template()):
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(team.state.shape[0], team.state.shape[1]):
-        if which[e] != 0:
+        if which[e] != NOT_DUE:
             r = row_of(team.target, i)
             c, s, speed = team.target[e, r, COS], team.target[e, r, SIN], team.target[e, r, SPEED]
             offset, moving = slot_of(team.target, team.slots, e, i)
@@ -272,7 +267,7 @@ def look(table: ti.template(), e, i, which, distance, error_b):
     for a in ti.static(range(3)):
         seen[1 + a] = error_b[a] / ti.max(distance, NEAR)
     for k in ti.static(range(4)):
-        table[e, i, PREVIOUS_SIGHT + k] = ti.select(which == 1, table[e, i, SIGHT + k], seen[k])
+        table[e, i, PREVIOUS_SIGHT + k] = ti.select(which == GOES_ON, table[e, i, SIGHT + k], seen[k])
         table[e, i, SIGHT + k] = seen[k]
 
 
@@ -332,18 +327,15 @@ class Geometry(SlotErrors):
             heard=state.new_zeros((1, 1, 1, 1)) if heard is None else heard,
         )  # fmt: skip
 
-    def measure(self, which: Tensor, count: int) -> None:
-        """Measure environments by `which` [env] int32: 0 not at all, 1 after a step, 2 at the beginning of an episode.
-
-        `count` is the number of entries of `which` that are not 0.
-        """
-        form = ErrorsForm(self.axes, self._heard, self.about, runtime.few(count * self._rows, MEASURE))
-        self._launch(self._errors(), self._team(), which, form)
+    def measure(self, due: Due) -> None:
+        """Measure in the environments that are `due`."""
+        form = ErrorsForm(self.axes, self._heard, self.about, runtime.few(due.count * self._rows, MEASURE))
+        self._launch(self._errors(), self._team(), due.which, form)
 
 
-def turning(team: "Knowledge", vector: Tensor) -> Tensor:
-    """Rate of change of a `vector` [env, vehicle, 2 or 3] that turns with the target's course."""
-    rate = team.target.course_rate
+def turning(target: Target, vector: Tensor) -> Tensor:
+    """Rate of change of a `vector` [env, vehicle, 2 or 3] that turns with the course of the target."""
+    rate = target.course_rate
     change = torch.zeros_like(vector)
     change[..., NORTH], change[..., EAST] = -rate * vector[..., EAST], rate * vector[..., NORTH]
     return change

@@ -1,15 +1,16 @@
 """Residual policies: a policy corrects the velocity command of its team's classical controller (`ResidualConfig`)."""
 
-from typing import cast
+from collections.abc import Mapping
+from typing import Any, cast
 
 import torch
 from torch import Tensor
 
 from rl.guidance.avoidance import Shield, SlotController, Wanted
 from rl.guidance.knowledge import Knowledge
-from rl.mission import Mission, Team
+from rl.perception.due import Due
 from rl.perception.sensors import Obstacle
-from rl.team import Controller
+from rl.team import Controller, Team
 from taichi_sim.config import ConfigError, NonNegative, Positive, Strict
 
 
@@ -36,28 +37,46 @@ class ResidualTeam(Team):
     A mission derives its team from this class and gives:
 
     axes: of velocities, 2 of vessels or 3 of aircraft. radius: of a vehicle, m. known: the input of the controller; the
-        gate uses its `sensor.obstacles`.
+        gate uses its `sensor.obstacles`. layout, observations_now: see `Team`.
     """
 
     STATE = ()
 
     axes: int
     radius: float
-    known: Knowledge
+    layout: Mapping[str, int]
 
-    def __init__(self, mission: Mission, name: str):
+    def __init__(self, mission: Any, name: str):
         """Make team `name`; its controller is made when it is first needed."""
         super().__init__(mission, name)
         self._wanted: Wanted | None = None
         self._shield: Shield | None = None
 
-    def forget(self) -> None:
-        """Drop the controller's demand after the world has moved."""
+    @property
+    def known(self) -> Knowledge:
+        """What the vehicles know."""
+        return cast(Knowledge, super().known)
+
+    def truth(self, due: Due) -> None:
+        """Drop the controller's demand, for the world has moved."""
+        self._wanted = None
+
+    def conclude(self, due: Due) -> None:
+        """Drop the controller's demand, for the vehicles know more."""
         self._wanted = None
 
     def restored(self) -> None:
         """Drop the controller's demand after a snapshot was restored."""
-        self.forget()
+        self._wanted = None
+
+    def observe(self) -> dict[str, Tensor]:
+        """The terms of `layout`, as views of one tensor."""
+        widths = self.layout
+        return dict(zip(widths, self.observations_now().split(list(widths.values()), dim=-1), strict=True))
+
+    def observations_now(self) -> Tensor:
+        """Write the terms of `layout` into one fresh tensor [env, vehicle, n]."""
+        raise NotImplementedError(f"{type(self).__name__}.observations_now")
 
     @property
     def _in_use(self) -> Controller | None:
@@ -96,11 +115,11 @@ class ResidualTeam(Team):
         """Names of the corrections in a plan: of the classical velocity command, along and to starboard of the course,
         m/s; of the vehicle's actions if the controller commands no velocity.
         """
-        return CORRECTIONS if hasattr(self.controller, "wanted") else super().plan_names
+        return CORRECTIONS if isinstance(self.controller, SlotController) else super().plan_names
 
     def planned(self, correction: Tensor, known: object = None) -> Tensor:
         """Vehicle actions of the classical controller, whose velocity is corrected; see Team.planned."""
-        if not hasattr(self.controller, "wanted"):
+        if not isinstance(self.controller, SlotController):
             return super().planned(correction, known)
         view = cast(Knowledge, self if known is None else known)
         wanted = self.corrected.wanted(view)
@@ -135,13 +154,13 @@ class ResidualTeam(Team):
         residual = self.residual
         if self._controller is None and residual is not None:
             found = super().controller
-            if not all(hasattr(found, part) for part in ("gains", "wanted", "act")):
+            if not isinstance(found, SlotController):
                 raise ConfigError(
                     f"{self.name}.residual: there is no classical controller to correct for "
                     f"{self.name}.vehicle = {self.section.vehicle!r}"
                 )
             if residual.shield:
-                self._shield = Shield(cast(SlotController, found).gains.model_copy(update={"horizon": residual.shield}))
+                self._shield = Shield(found.gains.model_copy(update={"horizon": residual.shield}))
         return super().controller
 
     @property

@@ -1,10 +1,9 @@
 """One team of a mission as an environment of rsl-rl: each vehicle of each environment is a row, and all share one
-policy. Further teams may learn in the same environments, as `Companion`s.
+policy. Further teams may learn in the same environments (companion.py).
 """
 
-import time
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, NamedTuple, TypedDict
+from typing import NamedTuple, Protocol, TypedDict
 
 import torch
 from rsl_rl.env import VecEnv
@@ -13,11 +12,7 @@ from torch import Tensor
 
 from rl.learn.policy import Policy
 from rl.mission import Mission, Step
-from rl.team import Team
 from taichi_sim.arguments import checked_action
-
-if TYPE_CHECKING:
-    from rl.learn.runner import StageRunner
 
 Watch = Callable[[Mission, Step, Mapping[str, Mapping[str, Tensor]]], None]
 """Called after each step and before the resets: the mission, the step, and the logs of each learning team."""
@@ -36,6 +31,35 @@ class LearnerStep(NamedTuple):
     reward: Tensor  # [row], scaled
     dones: Tensor  # [row] int64
     extras: Extras
+
+
+class Learner(Protocol):
+    """A team that learns while another team's runner drives rsl-rl's loop (companion.py)."""
+
+    @property
+    def env(self) -> "MissionEnv":
+        """Its rows of the same mission."""
+        ...
+
+    def begin(self) -> None:
+        """Continue from its last iteration."""
+        ...
+
+    def take(self, step: LearnerStep) -> None:
+        """Store the result of its last actions."""
+        ...
+
+    def update(self) -> None:
+        """Learn from the steps since the last update."""
+        ...
+
+    def save(self, iterations: int) -> None:
+        """Write a checkpoint."""
+        ...
+
+    def end(self) -> None:
+        """Close its log."""
+        ...
 
 
 class MissionEnv(VecEnv):
@@ -74,7 +98,7 @@ class MissionEnv(VecEnv):
         self.observe()
         self.last: Step | None = None
         self.watch: Watch | None = None
-        self.companions: list[Companion] = []
+        self.companions: list[Learner] = []
         steps = torch.randint(mission.config.episode_steps, (mission.num_envs,), generator=mission.generator)
         mission.steps.copy_(steps)
 
@@ -119,74 +143,15 @@ class MissionEnv(VecEnv):
 
     def learner_step(self, step: Step) -> LearnerStep:
         """The learner's view of `step`, before the mission resets."""
-        mission, own = self.mission, self.mission.teams[self.team]
+        own = self.mission.teams[self.team]
         done_env = step.terminated | step.truncated
         time_outs = done_env.unsqueeze(1) & ~step.endings[self.team].any
         reward = step.reward[self.team]
-        log = {f"/{key}": value.float() for key, value in mission.log(own, step).items()}
+        log = {f"/{key}": value.float() for key, value in own.log(step.endings[self.team]).items()}
         extras: Extras = {"time_outs": time_outs.flatten().float(), "log": {"/reward": reward.mean(), **log}}
         return LearnerStep(self.scale * reward.flatten(), done_env.repeat_interleave(self.vehicles).long(), extras)
 
     def observe(self) -> None:
         """Update the team's observations."""
         own = self.mission.teams[self.team]
-        self._observations, self._truth = own.observe(), own.privileged
-
-
-class Companion:
-    """A team that learns while another team's runner drives rsl-rl's loop; called, it is the team's policy there.
-
-    Each team has its own policy, critic, optimiser and reward, and is updated once an iteration (independent PPO, de
-    Witt et al. 2020, arXiv:2011.09533).
-    """
-
-    def __init__(self, runner: "StageRunner"):
-        """Learn with `runner`, whose environment has the same mission."""
-        self.runner, self.env = runner, runner.env
-        self._observations = self.env.get_observations()
-        self._collected = time.time()
-
-    def begin(self) -> None:
-        """Continue from the runner's last iteration."""
-        self.runner.alg.train_mode()
-        self.runner.continue_history()
-        self.runner.logger.init_logging_writer()
-        self._first = self.runner.current_learning_iteration
-        self._collected = time.time()
-
-    def __call__(self, team: Team) -> Tensor:
-        """Explore: sample actions [env, vehicle, action]."""
-        return self.env.commanded(self.runner.alg.act(self._observations))
-
-    def take(self, step: LearnerStep) -> None:
-        """Store the result of the last actions; call this after the mission has reset."""
-        self.env.observe()
-        self._observations = self.env.get_observations()
-        reward, dones, extras = step
-        self.runner.alg.process_env_step(self._observations, reward, dones, {"time_outs": extras["time_outs"]})
-        self.runner.logger.process_env_step(reward, dones, extras)
-
-    def update(self) -> None:
-        """Update the policy from the steps since the last update."""
-        runner, start = self.runner, time.time()
-        with torch.inference_mode():
-            runner.alg.compute_returns(self._observations)
-        losses, it = runner.alg.update(), runner.current_learning_iteration
-        now = time.time()
-        runner.logger.log(
-            it=it, start_it=self._first, total_it=runner.last, collect_time=start - self._collected,
-            learn_time=now - start, loss_dict=losses, learning_rate=runner.alg.learning_rate,
-            action_std=runner.alg.get_policy().output_std, rnd_weight=None,
-        )  # fmt: skip
-        runner.current_learning_iteration = it + 1
-        self._collected = now
-
-    def save(self, iterations: int) -> None:
-        """Write a checkpoint after `iterations` of the stage, as many as the driving runner has completed."""
-        self.runner.logger.completed = self.runner.first + iterations
-        self.runner.save("")
-
-    def end(self) -> None:
-        """Close the log."""
-        if self.runner.logger.writer is not None:
-            self.runner.logger.stop_logging_writer()
+        self._observations, self._truth = own.observations(), own.privileged

@@ -13,20 +13,18 @@ not observe, such as the plan of a moment before.
 
 from collections import deque
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from tensordict import TensorDict
 from torch import Tensor
 
 from rl import processes
+from rl.learn.env import Extras, MissionEnv
 from rl.learn.ppo import LeanPPO
 from rl.planning.planner import PlanConfig, Planner, path_integral_mean
 from rl.scenario import StageConfig
 from rl.team import Team
-
-if TYPE_CHECKING:
-    from rl.learn.env import Extras, MissionEnv
 
 BATCH = 1024  # rows in a step of the optimiser; assumed
 DECAY = 1e-3  # of the network's weights; assumed
@@ -119,7 +117,7 @@ class Lesson(NamedTuple):
 class PlannedImprovement(LeanPPO):
     """An algorithm for rsl-rl's runner: `update` fits the actor to the planner's suggestions; the critic stays."""
 
-    def begin(self, env: "MissionEnv", stage: StageConfig, done: int) -> None:
+    def begin(self, env: MissionEnv, stage: StageConfig, done: int) -> None:
         """Improve the policy of `env`; `done` iterations of the stage have been completed."""
         assert stage.planning is not None
         self._env, self._stage, self._done = env, stage, done
@@ -140,7 +138,7 @@ class PlannedImprovement(LeanPPO):
 
     def _mean(self, team: Team) -> Tensor:
         """Mean actions [env, vehicle, a] of the policy."""
-        observed = team.observe()
+        observed = team.observations()
         rows = observed.flatten(0, 1)
         mean = self._actor.rows(self.actor.get_latent(TensorDict({"policy": rows}, batch_size=[len(rows)])))
         return mean.view(*observed.shape[:2], -1).clamp(-1.0, 1.0)
@@ -160,7 +158,7 @@ class PlannedImprovement(LeanPPO):
         self._noted.append(Lesson(observed[effective], better[effective], weight))
         return mean
 
-    def process_env_step(self, obs: TensorDict, rewards: Tensor, dones: Tensor, extras: "Extras") -> None:
+    def process_env_step(self, obs: TensorDict, rewards: Tensor, dones: Tensor, extras: Extras) -> None:
         """Ignore rewards; planning does not learn from them."""
 
     def compute_returns(self, obs: TensorDict) -> None:

@@ -135,7 +135,7 @@ class TrainedPolicy:
             self.check(team)
             self.actor.to(team.fleet.state.device)
             self._fits = team
-        return team.command(self.act(team.observe()))
+        return team.command(self.act(team.observations()))
 
     def check(self, team: Team) -> None:
         """Refuse a team whose observations or actions are not those of the training (`check_signature`)."""

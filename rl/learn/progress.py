@@ -13,7 +13,7 @@ import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, NamedTuple, TypedDict, Unpack
+from typing import NamedTuple, TypedDict, Unpack
 
 import numpy as np
 import torch
@@ -24,12 +24,10 @@ from torch import Tensor
 from tqdm import tqdm
 
 from rl import processes
+from rl.learn.env import Extras, Learner
 from rl.mission import History
 from rl.processes import signals
 from taichi_sim.config.io import replacing
-
-if TYPE_CHECKING:
-    from rl.learn.env import Companion, Extras
 
 HISTORY, CHECKUPS = "progress.csv", "checkups.csv"
 COLUMNS = (  # the mission's logs follow
@@ -75,7 +73,7 @@ class ProgressLogger(Logger):
     elapsed_before = 0.0  # s, before an interruption and in the team's earlier stages
     steps_before, iterations_before = 0, 0  # in the team's earlier stages
     completed = 0  # iterations
-    companions: Sequence["Companion"] = ()  # teams that learn from the same steps (env.py)
+    companions: Sequence[Learner] = ()  # teams that learn from the same steps (companion.py)
     columns: tuple[str, ...] = COLUMNS
     settling = 0  # next decisions, whose means are left out
 
@@ -89,7 +87,7 @@ class ProgressLogger(Logger):
         return []  # the run folder already holds the commit and the package versions
 
     def process_env_step(
-        self, rewards: Tensor, dones: Tensor, extras: "Extras", intrinsic_rewards: Tensor | None = None
+        self, rewards: Tensor, dones: Tensor, extras: Extras, intrinsic_rewards: Tensor | None = None
     ) -> None:
         """Count a step. Returns of finished episodes, which rsl-rl collects, are those of short ones at first."""
         self._logs.append(extras["log"])

@@ -7,12 +7,13 @@ Several teams may learn in one stage (env.py). A stage with `keep = "better"` is
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import torch
 
 from rl import processes
-from rl.learn.env import Companion, MissionEnv, Watch
+from rl.learn.companion import Companion
+from rl.learn.env import Learner, MissionEnv, Watch
 from rl.learn.export import ONNX, TORCHSCRIPT, export_policy
 from rl.learn.policy import (
     CheckpointError,
@@ -24,12 +25,10 @@ from rl.learn.policy import (
     write_checkpoint,
 )
 from rl.learn.progress import HISTORY, spent
+from rl.learn.results import Batch, StageResult, Verdict
 from rl.learn.runner import StageRunner
 from rl.missions import make_mission
 from rl.scenario import Scenario, StageConfig, at_stage, derive_seed
-
-if TYPE_CHECKING:
-    from rl.runs.folder import Batch, StageResult, Verdict
 
 Judged = Callable[[Mapping[str, TrainedPolicy]], float]
 """Loss of a set of policies, team -> policy; it decides whether a stage with `keep = "better"` is kept."""
@@ -49,7 +48,7 @@ NOBODY = Observers()
 def train_stages(
     config: Scenario, out: Path, *, source: Path | None = None, dumps: Path | None = None, judged: Judged | None = None,
     show_progress: bool = True, observers: Observers = NOBODY,
-) -> "list[StageResult]":  # fmt: skip
+) -> list[StageResult]:  # fmt: skip
     """Train every stage that is not finished in `out`, from its last checkpoint; return the stages' results.
 
     With several processes (rl/processes), each has its share of a stage's environments; rank 0 alone reads and writes
@@ -117,7 +116,7 @@ def train_stage(
     companions = [Companion(runner_of(t, {o: others[o] for o in teams if o != t})) for t in stage.joint]
     others |= {companion.env.team: companion for companion in companions}
     runner = runner_of(stage.team, {o: others[o] for o in teams if o != stage.team})
-    runner.env.companions, runner.logger.companions = companions, companions
+    runner.env.companions, runner.logger.companions = list[Learner](companions), companions
     runner.env.watch = observers.watch
     number = list(config.stages).index(name) + 1
     runner.train(show_progress=show_progress and place.first, label=f"stage {number}/{len(config.stages)} {name}")
@@ -183,7 +182,7 @@ def starting_weights(config: Scenario, beside: Path) -> dict[str, dict]:
     return weights
 
 
-def stage_result(out: Path, name: str, config: Scenario) -> "StageResult":
+def stage_result(out: Path, name: str, config: Scenario) -> StageResult:
     """The stage's entry of summary.json; its time excludes interruptions."""
     stage, steps = config.stages[name], 0
     for team in reversed(stage.learners):  # the driving team last: the time is its own

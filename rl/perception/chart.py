@@ -25,6 +25,7 @@ from typing import NamedTuple
 import taichi as ti
 from torch import Tensor
 
+from rl.perception.due import GOES_ON, NOT_DUE, Due
 from rl.perception.radio import NEVER, Message
 from rl.perception.sensors import Nearby, Sight, insert, store_obstacle
 from rl.perception.sightings import Object, Sighting
@@ -94,7 +95,7 @@ def carried_on(t: ti.template(), dt, q):
 def _keep(chart: ChartPack, which: whole1, serial: ti.template()):
     ti.loop_config(serialize=serial)
     for e, i in ti.ndrange(chart.tracks.shape[0], chart.tracks.shape[1]):
-        if which[e] != 0:
+        if which[e] != NOT_DUE:
             dt, senders = chart.numbers[0], chart.heard.shape[2]
             age = chart.said.shape[2]  # the column of a message's own age
             for k in range(chart.tracks.shape[2]):
@@ -102,7 +103,7 @@ def _keep(chart: ChartPack, which: whole1, serial: ti.template()):
                 if k == 0:
                     q, speed = chart.numbers[1], chart.numbers[3]
                 t = ti.Vector([chart.tracks[e, i, k, c] for c in ti.static(range(TRACK))])
-                if which[e] == 1 and t[AGE] < NEVER:
+                if which[e] == GOES_ON and t[AGE] < NEVER:
                     carried_on(t, dt, q)
                 variance = chart.sightings[e, i, k, Sighting.VARIANCE]
                 if variance > 0:
@@ -120,7 +121,7 @@ def _keep(chart: ChartPack, which: whole1, serial: ti.template()):
                     if j != i and then >= 0:  # the sender has seen the object
                         old = then + chart.heard[e, i, j, age]
                         # `taken` is how long ago the last look that was taken of this sender was made
-                        last = chart.taken[e, i, j, k] + ti.select(which[e] == 1, dt, 0.0)
+                        last = chart.taken[e, i, j, k] + ti.select(which[e] == GOES_ON, dt, 0.0)
                         if old < OLDEST and old < last - 0.5 * dt:
                             last = old
                             fold(
@@ -138,14 +139,14 @@ def _say(chart: ChartPack, which: whole1, serial: ti.template()):
     """Write the last sighting of every object into the next message."""
     ti.loop_config(serialize=serial)
     for e, i in ti.ndrange(chart.sightings.shape[0], chart.sightings.shape[1]):
-        if which[e] != 0:
+        if which[e] != NOT_DUE:
             for k in range(chart.sightings.shape[2]):
                 at = Message.SIZE + SightingReport.SIZE * k
                 if chart.sightings[e, i, k, Sighting.VARIANCE] > 0:
                     for c in ti.static(range(Sighting.SIZE)):
                         chart.said[e, i, at + c] = chart.sightings[e, i, k, c]
                     chart.said[e, i, at + SightingReport.AGE] = 0.0
-                elif chart.said[e, i, at + SightingReport.AGE] >= 0 and which[e] == 1:
+                elif chart.said[e, i, at + SightingReport.AGE] >= 0 and which[e] == GOES_ON:
                     chart.said[e, i, at + SightingReport.AGE] += chart.numbers[0]
 
 
@@ -177,20 +178,13 @@ class Chart:
         self._taken[envs] = NEVER
         self._said[envs, :, Message.SIZE + SightingReport.AGE :: SightingReport.SIZE] = -1.0
 
-    def say(self, which: Tensor, rows: int) -> None:
-        """Write sightings into the next messages; call before `Radio.talk`.
+    def say(self, due: Due) -> None:
+        """Write sightings into the next messages; call before `Radio.talk`."""
+        self._say(self._chart(), due.which, runtime.few(due.count * self._rows, KEEP))
 
-        `which` and `rows` are those of `keep`.
-        """
-        self._say(self._chart(), which, runtime.few(rows * self._rows, KEEP))
-
-    def keep(self, which: Tensor, rows: int) -> None:
-        """Update tracks by sightings and messages.
-
-        `which` [env] int32: 0 not at all, 1 after a step, 2 at the beginning of an episode; `rows` of its entries are
-        not 0.
-        """
-        self._keep(self._chart(), which, runtime.few(rows * self._rows, KEEP))
+    def keep(self, due: Due) -> None:
+        """Update tracks by sightings and messages."""
+        self._keep(self._chart(), due.which, runtime.few(due.count * self._rows, KEEP))
 
 
 def width_of(objects: int) -> int:
@@ -206,7 +200,7 @@ FromPack = ti.types.argpack(tracked=array4, objects=array3, state=array3, derive
 def _nearest(out: ChartedPack, of: FromPack, which: whole1, sight: ti.template()):
     ti.loop_config(serialize=sight.serial)
     for e, i in ti.ndrange(of.state.shape[0], of.state.shape[1]):
-        if which[e] != 0:
+        if which[e] != NOT_DUE:
             reach, vague, own = of.limits[0], of.limits[1], ti.cast(of.limits[2], ti.i32) + i
             place = ti.Vector([of.state[e, i, a] for a in ti.static(range(3))])
             count = ti.static(sight.obstacles)
@@ -244,6 +238,7 @@ class Charted:
         self._sight = Sight(sensor.num_obstacles, sensor.num_mates, sensor.axes)
         self._rows, self._launch = state.shape[1] * objects.shape[1], runtime.Launcher(_nearest)
 
-    def write(self, which: Tensor, rows: int) -> None:
-        """Write in the `rows` environments where `which` [env] int32 is not 0."""
-        self._launch(self._out(), self._of(), which, self._sight._replace(serial=runtime.few(rows * self._rows, KEEP)))
+    def write(self, due: Due) -> None:
+        """Write in the environments that are `due`."""
+        sight = self._sight._replace(serial=runtime.few(due.count * self._rows, KEEP))
+        self._launch(self._out(), self._of(), due.which, sight)

@@ -18,8 +18,8 @@ from typing import Annotated, NamedTuple
 
 import taichi as ti
 from pydantic import Field
-from torch import Tensor
 
+from rl.perception.due import BEGINS, NOT_DUE, Due
 from rl.perception.instruments import InstrumentsConfig
 from rl.perception.sensors import Mate, Nearby, Obstacle, Sight, store_mate, store_obstacle
 from taichi_sim.config import NonNegative, Positive, Strict
@@ -128,13 +128,13 @@ def measured(true: ti.template(), own: ti.template(), e, i, relative, origin, as
 
 
 @ti.func
-def drawn(who, e, k, vehicle, count: ti.template(), g: ti.template()):
+def drawn(who, e, k, vehicle, draws: ti.template(), g: ti.template()):
     """Draw random numbers for contact k of a vehicle: six normal ones, a uniform one (0 and 1 if `who` is no body)."""
     z, u = ti.Vector([0.0 for _ in ti.static(range(6))]), 1.0
     if who >= 0:
-        z = normal6(count[1], CONTACTS + k, count[2 + e], vehicle, count[0])
+        z = normal6(draws[1], CONTACTS + k, draws[2 + e], vehicle, draws[0])
         if g.dropout > 0:
-            u = uniform4(count[1], CONTACTS + LUCK + k, count[2 + e], vehicle, count[0])[0]
+            u = uniform4(draws[1], CONTACTS + LUCK + k, draws[2 + e], vehicle, draws[0])[0]
     return z, u
 
 
@@ -192,7 +192,7 @@ def queued(out: ti.template(), e, i, k, m, which, slot, form: ti.template()):
     slots = ti.static(form.late + 1)
     due = m
     for n in range(slots):
-        if which == 2 or n == slot:
+        if which == BEGINS or n == slot:
             for c in ti.static(range(MEASURED)):
                 out.waiting[e, i, n, k, c] = m[c]
     for c in ti.static(range(MEASURED)):
@@ -236,17 +236,17 @@ def put_mate(out: ti.template(), own: ti.template(), e, i, k, t, g: ti.template(
 @ti.kernel
 def _contact(
     out: ContactsPack, true: TruePack, own: OwnPack, which: whole1, steps: ti.types.ndarray(dtype=ti.i64, ndim=1),
-    count: whole1, kind: ti.template(), form: ti.template(),
+    draws: whole1, kind: ti.template(), form: ti.template(),
 ):  # fmt: skip
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(own.state.shape[0], own.state.shape[1]):
-        if which[e] != 0:
+        if which[e] != NOT_DUE:
             g = values_at(kind, own.numbers)
             here, nowhere = ti.Vector([own.state[e, i, a] for a in ti.static(range(3))]), ti.Vector([0.0, 0.0, 0.0])
             step, clear = ti.cast(steps[e], ti.i32), g.reach
             slot, now = step % ti.static(form.late + 1), step % 2
             ends = ti.static((form.sight.obstacles, form.sight.obstacles + form.sight.mates))
-            if which[e] == 2:
+            if which[e] == BEGINS:
                 for k in range(ends[1]):
                     out.tracks[e, i, 1 - now, k, WHO] = NOBODY
             for k in range(ends[0]):
@@ -254,7 +254,7 @@ def _contact(
                 level, size = true.seen[e, i, k, Obstacle.LEVEL], true.seen[e, i, k, Obstacle.RADIUS]
                 far, who = true.seen[e, i, k, Obstacle.DISTANCE], true.seen[e, i, k, Obstacle.NUMBER]
                 aside = ti.select(level > 0, ti.sqrt(ti.max(far * far - level * level, 0.0)), ti.max(far, 0.0))
-                z, u = drawn(who, e, k, form.vehicles + i, count, g)
+                z, u = drawn(who, e, k, form.vehicles + i, draws, g)
                 m = measured(true, own, e, i, (level + size) * n, here, aside, size, who, z, u, g)
                 m = queued(out, e, i, k, m, which[e], slot, form)
                 t = tracked(out, e, i, k, 0, ends[0], m, g.acceleration, now, g)
@@ -263,7 +263,7 @@ def _contact(
                 mate = k - ti.static(form.sight.obstacles)
                 n = ti.Vector([true.near[e, i, mate, Mate.NORTH + a] for a in ti.static(range(3))])
                 who, far = true.near[e, i, mate, Mate.NUMBER], true.near[e, i, mate, Mate.DISTANCE]
-                z, u = drawn(who, e, k, form.vehicles + i, count, g)
+                z, u = drawn(who, e, k, form.vehicles + i, draws, g)
                 m = measured(true, own, e, i, far * n, nowhere, 0.0, 0.0, who, z, u, g)
                 m = queued(out, e, i, k, m, which[e], slot, form)
                 t = tracked(out, e, i, k, ends[0], ends[1], m, g.mates, now, g)
@@ -303,12 +303,8 @@ class TrackedContacts(Nearby):
         self._form = ContactsForm(Sight(sensor.num_obstacles, sensor.num_mates, sensor.axes), config.late, vehicles)
         self._rows, self._launch = state.shape[1], runtime.Launcher(_contact, plain=True)
 
-    def update(self, which: Tensor, rows: int, steps: Tensor, count: Tensor) -> None:
-        """Measure in environments [env] int32: 0 not at all, 1 after a step, 2 at the beginning of an episode.
-
-        `rows` of them are not 0; `steps` int64 [env] of their episodes have gone by; `count` int32 [2 + env] counts the
-        random numbers (taichi_sim/kernels/random.py).
-        """
+    def update(self, due: Due) -> None:
+        """Measure in the environments that are `due`."""
         kind = struct_of(ContactsNumbers._fields, runtime.current().precision)
-        form = self._form._replace(serial=runtime.few(rows * self._rows, TRACK))
-        self._launch(self._out(), self._true(), self._own(), which, steps, count, kind, form)
+        form = self._form._replace(serial=runtime.few(due.count * self._rows, TRACK))
+        self._launch(self._out(), self._true(), self._own(), due.which, due.steps, due.draws, kind, form)

@@ -21,8 +21,8 @@ import math
 from typing import NamedTuple
 
 import taichi as ti
-from torch import Tensor
 
+from rl.perception.due import BEGINS, NOT_DUE, Due
 from taichi_sim.config import Fraction, NonNegative, Positive, Strict
 from taichi_sim.conventions import DOWN, QW, ROLL_RATE, SURGE
 from taichi_sim.fleet import Fleet, Views
@@ -195,22 +195,22 @@ def read_air(out: ti.template(), e, i, g: ti.template(), z, z_more, R, v_n, form
 
 
 @ti.kernel
-def _read(out: ReadPack, truth: TruthPack, which: whole1, count: whole1, kind: ti.template(), form: ti.template()):
+def _read(out: ReadPack, truth: TruthPack, which: whole1, draws: whole1, kind: ti.template(), form: ti.template()):
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(truth.true_state.shape[0], truth.true_state.shape[1]):
-        if which[e] != 0:
+        if which[e] != NOT_DUE:
             n = ti.static(len(kind.members))
             g = values_at(kind, out.numbers)
-            env, number, clock, seed = count[2 + e], form.vehicles + i, count[0], count[1]
+            env, number, clock, seed = draws[2 + e], form.vehicles + i, draws[0], draws[1]
             z0, z1 = normal6(seed, INSTRUMENTS, env, number, clock), ti.Vector([0.0 for _ in ti.static(range(6))])
-            if ti.static(len(form.air_data) > 0) or which[e] == 2:  # otherwise nothing needs them
+            if ti.static(len(form.air_data) > 0) or which[e] == BEGINS:  # otherwise nothing needs them
                 z1 = normal6(seed, INSTRUMENTS + 1, env, number, clock)
             z2, z3 = (
                 normal6(seed, INSTRUMENTS + 2, env, number, clock),
                 normal6(seed, INSTRUMENTS + 3, env, number, clock),
             )
             z4 = normal6(seed, INSTRUMENTS, env, EVERYBODY, clock)
-            remember(out.memory, e, i, g, which[e] == 2, out.numbers[n], z0, z4, z1, z0[2])
+            remember(out.memory, e, i, g, which[e] == BEGINS, out.numbers[n], z0, z4, z1, z0[2])
             for k in ti.static(range(13)):
                 out.state[e, i, k] = truth.true_state[e, i, k]
             for a in ti.static(range(2)):
@@ -270,11 +270,8 @@ class Readings(Views):
         self._form = InstrumentsForm(vehicles, model.medium == "air", air_data, air)
         self._launch = runtime.Launcher(_read, plain=True)
 
-    def read(self, which: Tensor, rows: int, count: Tensor) -> None:
-        """Measure in environments [env] int32: 0 not at all, 1 after a step, 2 at the beginning of an episode.
-
-        `rows` of them are not 0. `count` int32 [2 + env] counts the random numbers (taichi_sim/kernels/random.py).
-        """
+    def read(self, due: Due) -> None:
+        """Measure in the environments that are `due`."""
         kind = struct_of(self._numbers._fields, runtime.current().precision)
-        form = self._form._replace(serial=runtime.few(rows * self.count, READ))
-        self._launch(self._out(), self._truth(), which, count, kind, form)
+        form = self._form._replace(serial=runtime.few(due.count * self.count, READ))
+        self._launch(self._out(), self._truth(), due.which, due.draws, kind, form)

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from torch import Tensor
 
+from rl.perception.due import BEGINS, GOES_ON, NOT_DUE, Due
 from taichi_sim.config import Fraction, Positive, Strict
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import RADIO, uniform4
@@ -88,11 +89,11 @@ def gets_there(radio: ti.template(), e, i, k, env, clock, seed, form: ti.templat
 def _send(radio: TalkPack, which: whole1, steps: ti.types.ndarray(dtype=ti.i64, ndim=1), form: ti.template()):
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(radio.said.shape[0], radio.said.shape[1]):
-        if which[e] == 1:
+        if which[e] == GOES_ON:
             slot = ti.cast(steps[e], ti.i32) % ti.static(form.slots)
             for a in range(radio.said.shape[2]):
                 radio.sent[e, slot, i, a] = radio.said[e, i, a]
-        if which[e] == 2:
+        if which[e] == BEGINS:
             for slot in range(form.slots):
                 for a in range(radio.said.shape[2]):
                     radio.sent[e, slot, i, a] = radio.said[e, i, a]
@@ -100,18 +101,18 @@ def _send(radio: TalkPack, which: whole1, steps: ti.types.ndarray(dtype=ti.i64, 
 
 @ti.kernel
 def _receive(
-    radio: TalkPack, which: whole1, steps: ti.types.ndarray(dtype=ti.i64, ndim=1), count: whole1, form: ti.template()
+    radio: TalkPack, which: whole1, steps: ti.types.ndarray(dtype=ti.i64, ndim=1), draws: whole1, form: ti.template()
 ):
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(radio.said.shape[0], radio.said.shape[1]):
-        if which[e] != 0:
+        if which[e] != NOT_DUE:
             n, age = radio.said.shape[1], radio.said.shape[2]
             other = e
             if ti.static(form.shift != 0):
                 other = (e + ti.static(form.shift)) % radio.said.shape[0]
-            step, seed, env = ti.cast(steps[other], ti.i32), count[1], count[2 + e]
+            step, seed, env = ti.cast(steps[other], ti.i32), draws[1], draws[2 + e]
             for k in range(n):
-                if which[e] == 2:
+                if which[e] == BEGINS:
                     if ti.static(form.known):
                         hear(radio, e, i, e, k, 0, 0.0)
                     else:
@@ -122,18 +123,18 @@ def _receive(
                     radio.heard[e, i, k, age] += radio.numbers[0]
                     then = step - form.delay  # when what arrives now was sent
                     if (then + k) % form.period == 0 and then >= 0:
-                        if gets_there(radio, e, i, k, env, count[0], seed, form):
+                        if gets_there(radio, e, i, k, env, draws[0], seed, form):
                             slot = then % ti.static(form.slots)
                             hear(radio, e, i, other, k, slot, ti.static(form.delay) * radio.numbers[0])
                     if ti.static(form.relays[1] > form.relays[0]):
                         then -= form.delay
                         late = 2 * ti.static(form.delay) * radio.numbers[0]
                         if (then + k) % form.period == 0 and then >= 0 and radio.heard[e, i, k, age] > late:
-                            clock = count[0] - form.delay
+                            clock = draws[0] - form.delay
                             for j in range(form.relays[0], form.relays[1]):
                                 if j != i and j != k and radio.heard[e, i, k, age] > late:
                                     first = gets_there(radio, e, j, k, env, clock, seed, form)
-                                    if first and gets_there(radio, e, i, j, env, count[0], seed, form):
+                                    if first and gets_there(radio, e, i, j, env, draws[0], seed, form):
                                         hear(radio, e, i, other, k, then % ti.static(form.slots), late)
 
 
@@ -192,12 +193,8 @@ class Radio:
         sender = (then + np.arange(self._each)) % self._form.period == 0
         return (then >= 0) & sender & ~np.eye(self._each, dtype=bool)
 
-    def talk(self, which: Tensor, rows: int, steps: Tensor, count: Tensor) -> None:
-        """Send and receive in environments [env] int32: 0 not at all, 1 after a step, 2 as an episode begins.
-
-        `rows` of them are not 0; `steps` int64 [env] of their episodes have gone by; `count` int32 [2 + env] counts the
-        random numbers (taichi_sim/kernels/random.py).
-        """
-        form = self._form._replace(serial=runtime.few(rows * self._each**2, TALK))
-        self._send(self._pack(), which, steps, form)
-        self._receive(self._pack(), which, steps, count, form)
+    def talk(self, due: Due) -> None:
+        """Send and receive in the environments that are `due`."""
+        form = self._form._replace(serial=runtime.few(due.count * self._each**2, TALK))
+        self._send(self._pack(), due.which, due.steps, form)
+        self._receive(self._pack(), due.which, due.steps, due.draws, form)

@@ -15,6 +15,7 @@ import taichi as ti
 import torch
 
 from rl.course.obstacles import AWAY, BOTTOM, EAST, NORTH, RADIUS, ROWS, TOP, V_EAST, V_NORTH, Bodies
+from rl.perception.due import NOT_DUE, Due
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
@@ -217,7 +218,7 @@ def _sense(
 ):  # fmt: skip
     ti.loop_config(serialize=sight.serial)
     for e, i in ti.ndrange(team.state.shape[0], team.state.shape[1]):
-        if which[e] != 0:
+        if which[e] != NOT_DUE:
             w, reach, radius = env_world[e], team.numbers[0], team.numbers[1]
             place = taken(team.state, e, i, NORTH, 3)
             clear, far, index = near_obstacles(field, w, place, reach, radius, sight)
@@ -308,19 +309,17 @@ class Sensor(Nearby):
         self,
         obstacles: torch.Tensor,
         env_world: torch.Tensor,
-        which: torch.Tensor | None = None,
-        count: int = 0,
+        due: Due | None = None,
         bodies: Bodies | None = None,
     ) -> None:
         """Sense `obstacles` [world, m, 4] and moving `bodies`; `env_world` int64 [env] is the world of each
         environment.
 
-        Only environments whose `which` [env] is not 0 are sensed, `count` of them; default: all.
+        Only environments that are `due` are sensed; default: all.
         """
         if obstacles is not self._field:  # by column, so that the kernel reads whole vectors
             self._field, self._columns = obstacles, _padded(obstacles.transpose(1, 2))
-        if which is None:
-            which, count = self._all, len(self._all)
+        which, count = (self._all, len(self._all)) if due is None else due[:2]
         moving = bodies is not None and bodies.present
         table = bodies.table if bodies is not None and moving else self._nobody
         serial = runtime.few(count * self.gap.shape[1], LOOK)

@@ -35,6 +35,7 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
+from rl.perception.due import NOT_DUE, Due
 from rl.perception.instruments import InstrumentsConfig
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.conventions import DOWN, EAST, NORTH
@@ -161,12 +162,12 @@ def rotated_back(derived: ti.template(), e, i, v):
 
 @ti.kernel
 def _see(
-    out: CameraPack, true: TruePack, own: OwnPack, which: whole1, count: whole1, kind: ti.template(),
+    out: CameraPack, true: TruePack, own: OwnPack, which: whole1, draws: whole1, kind: ti.template(),
     form: ti.template(),
 ):  # fmt: skip
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(own.state.shape[0], own.state.shape[1]):
-        if which[e] != 0:
+        if which[e] != NOT_DUE:
             g, node = values_at(kind, out.numbers), i + form.first
             there = ti.Vector([true.true_state[e, i, a] for a in ti.static(range(3))])
             bore = rotated(true.true_derived, e, i, ti.Vector([out.axis[e, i, a] for a in ti.static(range(3))]))
@@ -178,10 +179,10 @@ def _see(
                 line = line / slant
                 if line.dot(bore) >= g.cos_half:
                     number = ti.static(form.vehicles) + i
-                    u = uniform4(count[1], CAMERA, count[2 + e], number + 4096 * k, count[0])
+                    u = uniform4(draws[1], CAMERA, draws[2 + e], number + 4096 * k, draws[0])
                     r = reach / slant
                     if u[0] >= ti.pow(2.0, -r * r * r):
-                        z = normal6(count[1], CAMERA + 1, count[2 + e], number + 4096 * k, count[0])
+                        z = normal6(draws[1], CAMERA + 1, draws[2 + e], number + 4096 * k, draws[0])
                         line_b = rotated_back(true.true_derived, e, i, line)
                         error = ti.Vector([g.pixel * z[a] for a in ti.static(range(3))])
                         ray = rotated(own.derived, e, i, line_b + error)
@@ -198,12 +199,12 @@ def _see(
 
 @ti.kernel
 def _look_out(
-    out: LookoutPack, true: TruePack, own: OwnPack, which: whole1, count: whole1, kind: ti.template(),
+    out: LookoutPack, true: TruePack, own: OwnPack, which: whole1, draws: whole1, kind: ti.template(),
     form: ti.template(),
 ):  # fmt: skip
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(own.state.shape[0], own.state.shape[1]):
-        if which[e] != 0:
+        if which[e] != NOT_DUE:
             g = values_at(kind, out.numbers)
             c0, s0 = true.true_derived[e, i, HEADING_COS], true.true_derived[e, i, HEADING_SIN]
             c1, s1 = own.derived[e, i, HEADING_COS], own.derived[e, i, HEADING_SIN]
@@ -218,9 +219,9 @@ def _look_out(
                     near = far < g.vessel_range and out.hidden[e, i] == 0
                 if near:
                     number = ti.static(form.vehicles) + i + 4096 * k
-                    u = uniform4(count[1], LOOKOUT, count[2 + e], number, count[0])
+                    u = uniform4(draws[1], LOOKOUT, draws[2 + e], number, draws[0])
                     if u[0] >= g.dropout:
-                        z = normal6(count[1], LOOKOUT + 1, count[2 + e], number, count[0])
+                        z = normal6(draws[1], LOOKOUT + 1, draws[2 + e], number, draws[0])
                         away, turned = 1.0 + g.range_noise * z[0] / ti.max(far, 1.0), g.bearing_noise * z[1]
                         c, s = cos - turned * sin, sin + turned * cos
                         out.sightings[e, i, k, Sighting.NORTH] = own.state[e, i, NORTH] + away * (c * x - s * y)
@@ -245,14 +246,11 @@ class Observers:
         self._true = runtime.Packed(TruePack, true_state=true.state, true_derived=true.derived)
         self._at = runtime.Packed(OwnPack, state=own.state, derived=own.derived)
 
-    def see(self, which: Tensor, rows: int, count: Tensor) -> None:
-        """Look in the `rows` environments where `which` [env] int32 is not 0.
-
-        `count` int32 [2 + env] counts the random numbers (taichi_sim/kernels/random.py).
-        """
+    def see(self, due: Due) -> None:
+        """Look in the environments that are `due`."""
         kind = struct_of(self._fields, runtime.current().precision)
-        form = self._form._replace(serial=runtime.few(rows * self._rows, SEE))
-        self._launch(self._pack(), self._true(), self._at(), which, count, kind, form)
+        form = self._form._replace(serial=runtime.few(due.count * self._rows, SEE))
+        self._launch(self._pack(), self._true(), self._at(), due.which, due.draws, kind, form)
 
 
 class Camera(Observers):
@@ -327,11 +325,11 @@ class Lookout(Observers):
         )
         super().__init__(_look_out, pack, numbers, ObserverForm(0, vehicles), true, own, objects)
 
-    def see(self, which: Tensor, rows: int, count: Tensor) -> None:
+    def see(self, due: Due) -> None:
         """Look as other observers do, where wave crests do not hide the first object."""
         if self.config.crests:
             self._hidden.copy_(self.behind_crests())
-        super().see(which, rows, count)
+        super().see(due)
 
     def behind_crests(self) -> Tensor:
         """Whether the sea is above the line from each vessel's eye to the first object [env, vessel]."""

@@ -21,8 +21,8 @@ from pydantic import Field, model_validator
 from torch import Tensor
 
 from rl.course.obstacles import AWAY, BOTTOM, CARRIED, EAST, NORTH, RADIUS, TOP, V_EAST, V_NORTH
-from rl.mission import ControllerError
 from rl.perception.sensors import Obstacle
+from rl.team import ControllerError
 from taichi_sim.config import ConfigError, NonNegative, Positive, Strict
 from taichi_sim.kernels import runtime
 
@@ -122,7 +122,8 @@ class Planner:
         return self._at(self._knots, decisions)
 
     def bind(self, team: Any) -> None:
-        """Prepare for the team's mission, unless the planner already has."""
+        """Prepare for the team's mission, unless the planner already has, and let it perceive."""
+        team.mission.perceive()
         if self._mission is team.mission:
             return
         mission = team.mission
@@ -205,7 +206,7 @@ class Planner:
             joint = {other: self._others.get(other, _classical)(of) for other, of in others}
             step = model.step({**joint, name: action})
             now = step.endings[name].any
-            cost += model.plan_cost(team, now & ~ended)
+            cost += team.plan_cost(now & ~ended)
             ended |= now
         cost = torch.where(cost.isfinite(), cost, 1e9)
         return cost.view(n, samples, -1)

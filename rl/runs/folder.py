@@ -26,9 +26,10 @@ import uuid
 from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
-from typing import NotRequired, TypedDict, TypeVar
+from typing import TypedDict, TypeVar
 
 from rl import processes
+from rl.learn.results import StageResult
 from rl.missions import load_scenario
 from rl.scenario import Scenario
 from taichi_sim.config import ConfigError
@@ -51,38 +52,6 @@ Figures = dict[str, float | None]
 
 class RunError(RuntimeError):
     """A run folder that cannot be used; the message says what to do."""
-
-
-class Verdict(TypedDict):
-    """Comparison of a stage that has `keep = "better"` with the policies before it."""
-
-    kept: bool
-    loss_before: float
-    loss: float
-
-
-class Batch(TypedDict, total=False):
-    """How many processes and environments a stage has used from iteration `since_iteration` on."""
-
-    since_iteration: int
-    processes: int
-    environments: int
-
-
-class StageResult(TypedDict):
-    """A stage in summary.json."""
-
-    name: str
-    team: str
-    iterations: int
-    agent_steps: int
-    wall_time_s: float
-    agent_steps_per_s: float
-    processes: NotRequired[int]
-    environments: NotRequired[int]
-    batches: NotRequired[list[Batch]]  # of a stage that was resumed with other numbers
-    joint: NotRequired[list[str]]
-    verdict: NotRequired[Verdict]
 
 
 class EvaluationResult(TypedDict):

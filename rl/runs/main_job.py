@@ -24,10 +24,10 @@ from rl.learn.env import Watch
 from rl.learn.policy import UNTRAINED, Policy, load_policy, policies_of
 from rl.learn.progress import HISTORY, spent, team_history
 from rl.learn.stages import Observers, train_stages
-from rl.mission import ControllerError
 from rl.runs import folder as run_folder
 from rl.runs.folder import EvaluationResult, Summary
 from rl.scenario import Scenario, derive_seed
+from rl.team import ControllerError
 from taichi_sim.arguments import ActionError
 from taichi_sim.config import ConfigError
 from taichi_sim.film.files import write_film

@@ -18,9 +18,9 @@ from torch import Tensor
 from tqdm import tqdm
 
 from rl.evaluation.episodes import mission_class, run_episodes
-from rl.mission import ControllerError
 from rl.missions import make_mission
 from rl.scenario import Scenario, derive_seed
+from rl.team import ControllerError
 from taichi_sim.config import ConfigError, Strict
 from taichi_sim.config.io import replacing
 from taichi_sim.kernels import runtime
@@ -75,7 +75,7 @@ def tune(
     """
     mission = make_mission(config, episodes, seed=derive_seed(seed, "tune"), teams=(team,), source=source)
     model, judge = mission.teams[team].fleet.model, mission_class(config, source).Judge
-    kind = cast(type[TunableController], type(mission.controller(mission.teams[team])))
+    kind = cast(type[TunableController], type(mission.teams[team].make_controller()))
     if not hasattr(kind, "Gains"):
         raise ControllerError(f"{team}: its classical controller has no numbers to tune")
     given = {**kind.Gains().model_dump(), **mission.teams[team].section.control}

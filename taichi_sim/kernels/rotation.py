@@ -16,7 +16,20 @@ import taichi as ti
 import taichi.math as tm
 import torch
 
-from taichi_sim.conventions import HEAVE, PITCH_RATE, QW, QX, QY, QZ, ROLL_RATE, SURGE, SWAY, YAW_RATE
+from taichi_sim.conventions import (
+    HEAVE,
+    PITCH_RATE,
+    QUATERNION,
+    QW,
+    QX,
+    QY,
+    QZ,
+    ROLL_RATE,
+    STATE_SIZE,
+    SURGE,
+    SWAY,
+    YAW_RATE,
+)
 from taichi_sim.kernels import fast
 from taichi_sim.kernels.abreast import put, some, taken
 from taichi_sim.kernels.runtime import array3, whole1
@@ -134,6 +147,20 @@ def torch_quaternion_from_euler(phi: torch.Tensor, theta: torch.Tensor, psi: tor
         ),
         dim=-1,
     )
+
+
+def level_states(place: torch.Tensor, heading: torch.Tensor, surge: torch.Tensor | float = 0.0) -> torch.Tensor:
+    """States [.., 13] (conventions.py) of vehicles that are level.
+
+    Args:
+        place: [.., 2 or 3] position, NED, m. heading: [..], rad. surge: speed ahead, [..] or one, m/s.
+    """
+    state = place.new_zeros((*place.shape[:-1], STATE_SIZE))
+    state[..., : place.shape[-1]] = place
+    level = torch.zeros_like(heading)
+    state[..., QUATERNION] = torch_quaternion_from_euler(level, level, heading).to(state)
+    state[..., SURGE] = surge
+    return state
 
 
 def torch_euler_from_quaternion(q: torch.Tensor) -> torch.Tensor:

@@ -33,7 +33,7 @@ def not_finite(config: Scenario) -> list[str]:
 
     for step in range(3):
         for name, team in mission.teams.items():
-            look(f"of {name}, step {step}", {"observations": team.observe(), "truth": team.privileged,
+            look(f"of {name}, step {step}", {"observations": team.observations(), "truth": team.privileged,
                                              "state": team.fleet.state})  # fmt: skip
         if step == 2:
             break

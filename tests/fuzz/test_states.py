@@ -38,7 +38,7 @@ def given_away(mission: Mission, step: Step) -> dict[str, Tensor]:
     found = {"terminated": step.terminated.float(), "truncated": step.truncated.float()}
     for name, team in mission.teams.items():
         found[f"{name} reward"] = step.reward[name]
-        found |= {f"{name} info {key}": value for key, value in mission.infos(team).items()}
+        found |= {f"{name} info {key}": value for key, value in team.infos().items()}
     return {key: value.clone() for key, value in found.items()}
 
 
@@ -46,7 +46,7 @@ def seen(mission: Mission) -> dict[str, Tensor]:
     """What the teams' policies and critics take next: name -> [env, vehicle, n]."""
     found = {}
     for name, team in mission.teams.items():
-        found[f"{name} observed"] = team.observe()
+        found[f"{name} observed"] = team.observations()
         if (truth := team.privileged) is not None:
             found[f"{name} privileged"] = truth
     return found
@@ -66,7 +66,7 @@ def go(mission: Mission, steps: int, generator: torch.Generator, reset: bool = T
             mission.reset((step.terminated | step.truncated).nonzero().flatten())
         logs = {
             f"{name} log {key}": value.reshape(1) for name, team in mission.teams.items()
-            for key, value in mission.log(team, step).items()
+            for key, value in team.log(step.endings[name]).items()
         }  # fmt: skip
         found[-1] |= seen(mission)
         found[-1] |= {f"log {key}": value.clone() for key, value in logs.items()}

@@ -27,6 +27,7 @@ def begin(task: Formation, seed: int = 5) -> Formation:
     """Begin an episode in every environment, the same for the same seed."""
     task.reseed(seed)
     task.reset()
+    task.perceive()
     return task
 
 
@@ -36,7 +37,7 @@ def shapes(task: Formation) -> dict[str, tuple[int, ...]]:
 
 def observed(task: Formation) -> dict[str, Tensor]:
     """Observations [env, vehicle, n] of each team."""
-    return {name: team.observe() for name, team in task.teams.items()}
+    return {name: team.observations() for name, team in task.teams.items()}
 
 
 def still(task: Formation) -> dict[str, Tensor]:
@@ -48,6 +49,7 @@ def wander(task: Formation, steps: int, seed: int = 0, size: float = 1.0) -> Ste
     generator = torch.Generator().manual_seed(seed)
     for _ in range(steps):
         step = task.step({n: size * (2 * torch.rand(s, generator=generator) - 1) for n, s in shapes(task).items()})
+        task.perceive()
     return step
 
 
@@ -76,7 +78,7 @@ def everything(task: Formation, envs: list[int]) -> dict[str, Tensor]:
         parts[f"{name} distance"], parts[f"{name} slot"] = team.distance, team.now.slot
         parts[f"{name} offsets"] = team.slots.table
         parts[f"{name} gap"], parts[f"{name} target"] = team.sensor.gap, team.target.position
-        parts[f"{name} observations"] = task.teams[name].observe()
+        parts[f"{name} observations"] = task.teams[name].observations()
     return {key: part[envs].clone() for key, part in parts.items()}
 
 
@@ -104,4 +106,4 @@ def arrange(
     start[:, 3:7] = torch_quaternion_from_euler(zero + phi, zero + theta, zero + psi)
     zeros = torch.zeros(task.num_envs, dtype=torch.int64)
     task.reset(worlds=zeros, starts=zeros)
-    return task.teams[name].observe()[0, 0]
+    return task.teams[name].observations()[0, 0]

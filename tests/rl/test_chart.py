@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from phases import due
 
 from rl.perception.chart import AGE, ASSUMED, P_PP, P_VV, V_NORTH, Chart, TrackNoise, width_of
 from rl.perception.instruments import InstrumentsConfig
@@ -52,7 +53,7 @@ def noise_of(envs: int, clock: int, keys=None):
     noise = Noise(envs, 7, clock)
     if keys is not None:
         noise.keys.copy_(torch.tensor(keys))
-    return noise.table
+    return noise
 
 
 def look(aircraft, things, hs: float = 0.0, own=None, clock: int = 1, keys=None, **camera):
@@ -62,7 +63,7 @@ def look(aircraft, things, hs: float = 0.0, own=None, clock: int = 1, keys=None,
     config = CameraConfig(**{"noise_deg": 0.0, "reach": 1e5} | camera)
     made = Camera(config, EXACT, looks, things, torch.full((envs,), hs), aircraft, own or aircraft, first=0)
     made.aim(torch.zeros((envs, count, 2)))
-    made.see(torch.ones(envs, dtype=torch.int32), envs, noise_of(envs, clock, keys))
+    made.see(due(envs, noise=noise_of(envs, clock, keys)))
     return looks, made
 
 
@@ -125,7 +126,7 @@ def see(boats, things, elevation=None, keys=None, **lookout):
     config = LookoutConfig(**{"range_noise": 0.0, "bearing_noise_deg": 0.0, "dropout": 0.0} | lookout)
     flat = elevation or (lambda points: torch.zeros(points.shape[:-1]))
     made = Lookout(config, EXACT, looks, things, boats, boats, flat)
-    made.see(torch.ones(envs, dtype=torch.int32), envs, noise_of(envs, 1, keys))
+    made.see(due(envs, noise=noise_of(envs, 1, keys)))
     return looks, made
 
 
@@ -184,11 +185,10 @@ class Net:
         self.looks[..., Sighting.VARIANCE] = UNSEEN
         for (looker, thing), values in (seen or {}).items():
             self.looks[:, looker, thing] = torch.as_tensor(values, dtype=torch.float32)
-        flags = torch.full((self.envs,), which, dtype=torch.int32)
-        steps = torch.full((self.envs,), self.step)
-        self.chart.say(flags, self.envs)
-        self.radio.talk(flags, self.envs, steps, self.noise.table)
-        self.chart.keep(flags, self.envs)
+        now = due(self.envs, which, step=self.step, noise=self.noise)
+        self.chart.say(now)
+        self.radio.talk(now)
+        self.chart.keep(now)
         return self.chart.tracks
 
 

@@ -70,7 +70,6 @@ def test_a_command_computed_from_what_is_not_finite_ends_the_episode_and_a_calle
     team, silent = task.teams["usv"], torch.zeros((4, 3, 2))
     begin(task)
     team.target.table[3] = math.nan
-    team.forget()
     step = task.step({"usv": team.command(silent)})
     assert step.endings["usv"]["diverged"][:, 0].tolist() == [False, False, False, True]
     silent[0, 0, 0] = math.nan
@@ -96,10 +95,10 @@ def test_a_scripted_vehicle_that_diverges_ends_the_episode():
 def test_a_mission_that_computes_what_is_not_finite_from_what_is_is_named(monkeypatch):
     mission = buoys()
     team = next(iter(mission.teams.values()))
-    terms = mission.observe(team)
-    monkeypatch.setattr(mission, "observe", lambda team: {**terms, "heading": terms["heading"] / 0.0})
+    terms = team.observe()
+    monkeypatch.setattr(team, "observe", lambda: {**terms, "heading": terms["heading"] / 0.0})
     with pytest.warns(RuntimeWarning), pytest.raises(NotFiniteError, match=f"'heading' of '{team.name}'.*Buoys"):
-        team.observe()
-    monkeypatch.setattr(mission, "reward", lambda team, ended: team.fleet.position_n[..., 0] * math.nan)
+        team.observations()
+    monkeypatch.setattr(team, "reward", lambda ended: team.fleet.position_n[..., 0] * math.nan)
     with pytest.warns(RuntimeWarning), pytest.raises(NotFiniteError, match=r"the reward of .*Buoys"):
         mission.step({name: torch.zeros_like(team.action) for name, team in mission.teams.items()})

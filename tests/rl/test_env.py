@@ -24,7 +24,7 @@ class Pilot:
         self.value, self.seen, self.said = value, [], []
 
     def __call__(self, team: Team) -> Tensor:
-        self.seen.append((team.name, team.observe()))
+        self.seen.append((team.name, team.observations()))
         self.said.append(torch.full((ENVS, USVS, 2), self.value))
         return self.said[-1]
 
@@ -57,7 +57,7 @@ def test_row_is_env_times_vehicles_plus_vehicle(env):
     assert env.num_actions == 3
     actions = torch.linspace(-0.9, 0.9, ENVS * UAVS * 3).reshape(ENVS * UAVS, 3)
     observations, reward, dones, extras = env.step(actions)
-    rows, own = observations["policy"], env.mission.teams["uav"].observe()
+    rows, own = observations["policy"], env.mission.teams["uav"].observations()
     assert observations.batch_size == (ENVS * UAVS,)
     for e in range(ENVS):
         for v in range(UAVS):
@@ -123,7 +123,7 @@ def test_after_an_ending_the_observation_is_of_the_new_episode(env):
     env.mission.teams["uav"].fleet.state[1, 0, 2] = 5.0
     observations, reward, _, _ = env.step(nothing())
     rows = observations["policy"].view(ENVS, UAVS, -1)
-    assert rows.equal(env.mission.teams["uav"].observe())
+    assert rows.equal(env.mission.teams["uav"].observations())
     assert rows[1, :, :4].equal(rows[1, :, 4:8])  # no past
     assert reward.view(ENVS, UAVS)[1, 0] < -5.0  # the reward is of the old one, collision weight 10
 
@@ -154,7 +154,7 @@ def test_observations_given_out_are_not_written_to_again(env):
 def test_the_other_team_acts_by_its_frozen_policy(env):
     pilot = env.frozen["usv"]
     pilot.seen.clear()
-    expected = env.mission.teams["usv"].observe()
+    expected = env.mission.teams["usv"].observations()
     env.step(torch.ones(ENVS * UAVS, 3))
     assert len(pilot.seen) == 1
     name, observations = pilot.seen[0]
@@ -176,13 +176,13 @@ def test_what_a_frozen_policy_says_is_not_written_to(env, value):
 
 def test_a_trained_policy_does_not_learn_while_it_is_frozen(env):
     """Its normaliser sees a thousand foreign observations; its first answer stays the same, bit for bit."""
-    size = env.mission.teams["usv"].observe().shape[-1]
+    size = env.mission.teams["usv"].observations().shape[-1]
     torch.manual_seed(0)
     options = actor_config(StageConfig(team="usv"))
     options.pop("class_name")
     example = TensorDict({"policy": torch.zeros(1, size)}, batch_size=[1])
     policy = TrainedPolicy(MLPModel(example, OBS_GROUPS, "actor", 2, **options))
-    before = env.mission.teams["usv"].observe().clone()
+    before = env.mission.teams["usv"].observations().clone()
     answer = policy.act(before).clone()
     env.frozen["usv"] = policy
     env.step(torch.ones(ENVS * UAVS, 3))

@@ -8,6 +8,7 @@ import pytest
 import torch
 from gym_envs import ESCORT, gymnasium_accepts
 from parallel_checks import pettingzoo_accepts
+from phases import due
 from refusal import assert_says
 
 import taichi_sim as ts
@@ -44,6 +45,7 @@ def sail(mission: Escort, steps: int, each=None) -> None:
     policies = {name: ClassicalPolicy() for name in mission.teams}
     for _ in range(steps):
         step = mission.step({name: policies[name](team) for name, team in mission.teams.items()})
+        mission.perceive()
         if each:
             each(step)
 
@@ -108,7 +110,7 @@ def test_an_episode_that_begins_leaves_no_trace_in_others_and_has_none_of_its_ow
 
 def test_names_fit_what_is_observed():
     for team in whole().teams.values():
-        assert len(team.observation_names) == team.observe().shape[-1]
+        assert len(team.observation_names) == team.observations().shape[-1]
         assert team.privileged is not None
 
 
@@ -116,6 +118,7 @@ def test_who_sees_what():
     """At first nobody sees the vessel; aircraft find it, boats hear of it and know better than the cue said."""
     mission = escort("obstacles.moving=0")
     mission.begin_each()
+    mission.perceive()
     tracking = mission.tracking
     assert not bool(tracking.sees("usv").any())
     cue = (tracking.targets[:, 0, :2] - mission.vessel_place).norm(dim=-1)
@@ -223,9 +226,8 @@ def test_aircraft_measure_and_observe_what_plain_torch_does():
     heard[..., -1] = torch.randint(1, 5, heard.shape[:3], generator=generator) * HEARD_OF * 0.9
     heard[0, ..., -1] = NEVER
     turn, radius = team.orbit.turn, team.orbit.radius
-    everywhere = torch.ones(mission.num_envs, dtype=torch.int32)
-    team._errors.measure(everywhere, mission.num_envs)
-    known.circle.listen(everywhere, mission.num_envs)
+    team._errors.measure(due(mission.num_envs))
+    known.circle.listen(due(mission.num_envs))
 
     x = team.fleet.position_n - torch.cat((mission.vessel_place, torch.zeros(4, 1)), dim=-1).unsqueeze(1)
     off = torch.hypot(x[..., :2].norm(dim=-1) - radius, x[..., 2] - team.down)
@@ -258,7 +260,7 @@ def test_aircraft_measure_and_observe_what_plain_torch_does():
     def own_frame(v):
         return (v.unsqueeze(-2) @ known.fleet.R_nb).squeeze(-2)
 
-    terms, level = team.terms(), torch.zeros(4, 3, 1)
+    terms, level = team.observe(), torch.zeros(4, 3, 1)
     to, c, s = torch.cat((centre, level), dim=-1) - place, known.target.cos, known.target.sin
     v = known.centre_velocity
     circle = torch.stack((to[..., :2].norm(dim=-1) - radius, team.down - place[..., 2]), dim=-1)
@@ -286,11 +288,12 @@ def test_aircraft_measure_and_observe_what_plain_torch_does():
 def test_the_direction_to_the_vessel_has_length_1_and_fades_within_a_metre():
     mission = whole()
     mission.begin_each()
+    mission.perceive()
     team = mission.teams["uav"]
     place, targets = team.measured.fleet.state[..., :3], mission.tracking.of("uav", mission.tracking.targets)
     for distance, length in ((0.0, 0.0), (0.5, 0.5), (1.2, 1.0), (50.0, 1.0)):
         place[..., :2], place[..., 2] = targets[..., :2], -distance  # straight above
-        direction = team.terms()["vessel"]
+        direction = team.observe()["vessel"]
         torch.testing.assert_close(direction, length * team.measured.fleet.down_b, atol=1e-4, rtol=0)
 
 
@@ -298,7 +301,7 @@ def test_the_direction_to_the_vessel_has_length_1_and_fades_within_a_metre():
 def test_gaps_are_even_at_even_phases_and_push_towards_them(turn):
     mission = whole()
     mission.begin_each()
-    team, all_envs = mission.teams["uav"], torch.ones(4, dtype=torch.int32)
+    team = mission.teams["uav"]
     angle = turn * torch.tensor([[0.0, 2 * math.pi / 3, 4 * math.pi / 3]]).repeat(4, 1)
     angle[1, 1] -= turn * 0.3  # behind its place: it has to speed up, the others to wait or to go on
     team.fleet.state[..., 0] = mission.vessel_place[:, :1] + 100 * angle.cos()
@@ -306,7 +309,7 @@ def test_gaps_are_even_at_even_phases_and_push_towards_them(turn):
     numbers = team._errors._true.members["numbers"]
     before = numbers.clone()
     numbers[1] = turn
-    team._errors.measure(all_envs, 4)
+    team._errors.measure(due(4))
     numbers.copy_(before)
     torch.testing.assert_close(team.gap_error[0], torch.zeros(3), atol=1e-5, rtol=0)
     torch.testing.assert_close(team.gap_error[1], torch.tensor([-0.15, 0.3, -0.15]), atol=1e-5, rtol=0)
@@ -377,7 +380,7 @@ def test_other_escorts_sail(overrides):
     mission.begin_each()
     sail(mission, 4)
     for team in mission.teams.values():
-        assert bool(team.observe().isfinite().all())
+        assert bool(team.observations().isfinite().all())
     assert bool((mission.tracking.chart.tracks[..., 0, AGE] < NEVER).all())
 
 

@@ -158,7 +158,7 @@ def test_a_policy_of_three_fits_a_team_of_any_size(kind):
         sizes = [f"{team}.{key}" for team in ("usv", "uav") for key in (f"count={count}", "formation=wedge")]
         task = make(*small, *sizes, envs=1)
         names.append({name: team.observation_names for name, team in task.teams.items()})
-        assert all(team.observe().isfinite().all() for team in task.teams.values())
+        assert all(team.observations().isfinite().all() for team in task.teams.values())
         if count == 1:
             mates = task.teams["usv"].sensor
             assert isinstance(mates, Sensor) and not mates.signals[..., -6:].any()

@@ -109,7 +109,7 @@ def test_vehicles_are_stacked(env_id: str, team: str, count: int) -> None:
     assert observed.dtype == np.float32
     assert observed in env.observation_space
     assert env.single_action_space == gymnasium.spaces.Box(-1, 1, (count * actions,), np.float32)
-    np.testing.assert_array_equal(observed.reshape(4, count, -1), vehicle.observe().numpy())
+    np.testing.assert_array_equal(observed.reshape(4, count, -1), vehicle.observations().numpy())
     observed, reward, terminated, truncated, infos = env.step(env.action_space.sample())
     assert observed in env.observation_space
     assert reward.shape == terminated.shape == truncated.shape == (4,)

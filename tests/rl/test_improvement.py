@@ -30,7 +30,7 @@ def cost_of(team, corrections) -> float:
     total = 0.0
     for correction in corrections:
         step = team.mission.step({team.name: team.command(correction)})
-        total += float(team.mission.plan_cost(team, step.endings[team.name].any).sum())
+        total += float(team.plan_cost(step.endings[team.name].any).sum())
     return total
 
 
@@ -81,7 +81,7 @@ def test_a_policy_is_improved_about_actions_that_it_can_do():
         _actor=SimpleNamespace(rows=lambda rows: 2.0 * rows),
     )
     observed = torch.tensor([[[-3.0, 0.25], [0.55, -0.55]]])
-    mean = PlannedImprovement._mean(network, SimpleNamespace(observe=lambda: observed))
+    mean = PlannedImprovement._mean(network, SimpleNamespace(observations=lambda: observed))
     assert mean.tolist() == [[[-1.0, 0.5], [1.0, -1.0]]]
 
 

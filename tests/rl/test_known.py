@@ -61,7 +61,7 @@ def test_a_seed_repeats_what_was_measured_and_no_two_decisions_do():
     def measured(seed: int) -> torch.Tensor:
         begin(task, seed)
         wander(task, 3)
-        return task.teams["usv"].observe()
+        return task.teams["usv"].observations()
 
     first = measured(3)
     assert torch.equal(measured(3), first)
@@ -98,7 +98,7 @@ def test_what_does_not_arrive_is_remembered_with_its_age(radio):
     assert torch.equal(heard[..., :6][:, others], first[:, others])
     torch.testing.assert_close(heard[..., 6][:, others], torch.full_like(heard[..., 6][:, others], 0.5))
     names = list(task.teams["usv"].observation_names)
-    torch.testing.assert_close(task.teams["usv"].observe()[:, 1:, names.index("age")], torch.full((4, 2), 1 / 3))
+    torch.testing.assert_close(task.teams["usv"].observations()[:, 1:, names.index("age")], torch.full((4, 2), 1 / 3))
 
 
 def test_messages_are_lost_and_rare_as_configured():
@@ -152,13 +152,13 @@ def test_contacts_smooth_the_noise_and_bridge_what_drops_out():
 def test_critics_are_told_the_truth_and_actors_are_not():
     task = make(*INSTRUMENTS, teams=("usv",))
     begin(task)
-    told, truth = task.teams["usv"].observe(), task.teams["usv"].privileged
+    told, truth = task.teams["usv"].observations(), task.teams["usv"].privileged
     assert truth is not None
     assert truth.shape == told.shape
     assert not torch.equal(truth, told)
     exact = make(teams=("usv",))
     begin(exact)
-    torch.testing.assert_close(exact.teams["usv"].observe(), truth)
+    torch.testing.assert_close(exact.teams["usv"].observations(), truth)
 
 
 @pytest.mark.parametrize(
@@ -175,5 +175,5 @@ def test_critics_are_told_the_truth_and_actors_are_not():
 def test_refused(override, match):
     with pytest.raises(ConfigError, match=match):
         task = make(override, teams=("usv",))
-        task.controller(task.teams["usv"])
+        task.teams["usv"].make_controller()
     assert load_scenario("paper").radio is None

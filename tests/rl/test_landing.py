@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 import torch
+from phases import due
 from refusal import assert_says
 
 from rl.evaluation.episodes import judge_episodes
@@ -18,6 +19,7 @@ from rl.missions.landing.imagined import BLOWN, Foresight
 from rl.missions.landing.judge import OUTCOMES
 from rl.missions.landing.mission import Landing
 from rl.missions.landing.pilots import ABOVE, HIGH, MARGIN, SAMPLED, Pilot
+from rl.perception.due import BEGINS, GOES_ON
 from rl.planning.planner import HonestPlanner, PlanConfig
 from taichi_sim.config import ConfigError
 
@@ -116,10 +118,10 @@ def test_plans_of_a_landing_count_a_landing_and_its_failures():
     mission.reset()
     team = mission.teams["uav"]
     ended, weights = torch.ones((4, 1), dtype=torch.bool), team.section.aircraft_reward
-    none, failed = mission.plan_cost(team, ~ended), mission.plan_cost(team, ended)
+    none, failed = team.plan_cost(~ended), team.plan_cost(ended)
     assert torch.allclose(failed - none, torch.full((4, 1), weights.failed))
     team.stood = torch.full_like(team.stood, mission.config.landing.stand)
-    assert torch.allclose(mission.plan_cost(team, ended) - none, torch.full((4, 1), -weights.landed))
+    assert torch.allclose(team.plan_cost(ended) - none, torch.full((4, 1), -weights.landed))
 
 
 def test_an_honest_planner_believes_what_the_aircraft_know():
@@ -166,7 +168,7 @@ def test_a_fork_lands_as_its_source_does_to_the_bit():
         for m, t in ((mission, team), (fork, other)):
             m.step({"uav": t.command(torch.full((m.num_envs, 1, 3), 0.1))})
     assert torch.equal(other.fleet.state[:, 0], team.fleet.state[1, 0].expand(2, -1))
-    assert torch.equal(other.observe()[0], team.observe()[1])
+    assert torch.equal(other.observations()[0], team.observations()[1])
 
 
 def test_what_a_pilot_remembers_moves_on_once_a_decision():
@@ -243,7 +245,7 @@ def test_the_deck_is_known_as_well_as_messages_and_looks_allow():
     nothing = Look(torch.zeros(1, 1, dtype=torch.bool), like[..., :3], like[..., 0])
     for k in range(40):
         Own.position_n, Own.velocity_n = (own_v * (k * dt)).view(1, 1, 3), own_v.view(1, 1, 3)
-        known.measure(torch.tensor([2 if k == 0 else 1], dtype=torch.int32), Own, nothing, heard(k * dt))
+        known.measure(due(1, GOES_ON if k else BEGINS), Own, nothing, heard(k * dt))
         assert torch.allclose(known.to, (v - own_v) * (k * dt), atol=1e-9)
     assert float(known.seen) > 3.0 and torch.allclose(known.velocity, v)
     off = like.new_tensor((0.4, 0.0, 0.0))  # satellite navigation errs, the marker does not
@@ -251,7 +253,7 @@ def test_the_deck_is_known_as_well_as_messages_and_looks_allow():
         Own.position_n = (own_v * (k * dt) + off).view(1, 1, 3)
         to = ((v - own_v) * (k * dt)).view(1, 1, 3)
         look = Look(torch.ones(1, 1, dtype=torch.bool), to, torch.full((1, 1), 1e-4, dtype=torch.float64))
-        known.measure(torch.ones(1, dtype=torch.int32), Own, look, heard(k * dt))
+        known.measure(due(1), Own, look, heard(k * dt))
     assert torch.allclose(known.to, to, atol=0.02)
 
 

@@ -69,7 +69,7 @@ def test_agents_are_the_vehicles_in_order():
     taken = torch.cat((usv.action[0, :, 0], uav.action[0, :, 0]))
     assert taken.tolist() == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
     for k in range(3):
-        np.testing.assert_array_equal(observations[f"uav_{k}"], uav.observe()[0, k])
+        np.testing.assert_array_equal(observations[f"uav_{k}"], uav.observations()[0, k])
         assert infos[f"usv_{k}"]["distance"] == pytest.approx(usv.distance[0, k].item())
 
 

@@ -43,7 +43,7 @@ def test_encounters_are_what_going_straight_on_would_bring():
     wander(task, 25)
     team = task.teams["usv"]
     seen, velocity = team.sensor.obstacles, team.fleet.velocity_n[..., :2]
-    found = task.observe(team)["encounters"][..., :12].unflatten(-1, (2, 6))[..., :3]
+    found = team.observe()["encounters"][..., :12].unflatten(-1, (2, 6))[..., :3]
     near = seen[..., 8] >= 0
     assert near.sum() > 10 and (found[~near] == 0).all()
     place = (seen[..., 7:8] + seen[..., 6:7]) * seen[..., 1:3]
@@ -64,7 +64,7 @@ def test_encounters_are_what_going_straight_on_would_bring():
 def test_sensing_sets_the_size_of_observations(seen):
     sensing = (f"sensing.obstacles={seen}", f"sensing.team_mates={seen}")
     task = make(*sensing, 'observations="paper"', teams=("uav",))
-    assert task.teams["uav"].observe().shape == (4, 3, 2 * 4 + seen * 7 + seen * 4)
+    assert task.teams["uav"].observations().shape == (4, 3, 2 * 4 + seen * 7 + seen * 4)
 
 
 def test_paper_observations_have_their_size_and_bounds(paper):
@@ -83,7 +83,7 @@ def test_full_observations_begin_with_those_of_the_paper(shared):
         begin(task)
         wander(task, 3)
     for name, rows in observed(paper).items():
-        assert shared.teams[name].observe()[..., : rows.shape[-1]].equal(rows)
+        assert shared.teams[name].observations()[..., : rows.shape[-1]].equal(rows)
 
 
 def test_full_observations_are_bounded_where_they_should_be(shared):

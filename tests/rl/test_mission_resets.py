@@ -52,7 +52,7 @@ def test_an_episode_begins_without_a_past(shared):
     for name, rows in observed(shared).items():
         now, before = past_and_present(rows[1], AXES[name])
         assert now.equal(before), name
-        previous = shared.observe(shared.teams[name])["previous_action"]
+        previous = shared.teams[name].observe()["previous_action"]
         assert not previous[1].any() and previous[0].any(), name
 
 

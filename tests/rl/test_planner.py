@@ -26,7 +26,7 @@ def cost_of(team, steps: int, action) -> torch.Tensor:
     cost, ended = torch.zeros(team.mission.num_envs), torch.zeros_like(team.fleet.never)
     for k in range(steps):
         now = team.mission.step({team.name: action(k)}).endings[team.name].any
-        cost += team.mission.plan_cost(team, now & ~ended).sum(-1)
+        cost += team.plan_cost(now & ~ended).sum(-1)
         ended |= now
     return cost
 
@@ -65,7 +65,7 @@ def test_a_plan_costs_more_inside_its_berth():
     """As much as the square of the distance from the slot says, and 300 m^2 for each metre."""
     team = team_of("lanes", "usv.plan.berth=2.0")
     team.sensor.gap.copy_(torch.tensor([3.0, 1.5, 0.0]).expand_as(team.sensor.gap))
-    extra = team.mission.plan_cost(team, torch.zeros_like(team.fleet.never)) - team.distance.square()
+    extra = team.plan_cost(torch.zeros_like(team.fleet.never)) - team.distance.square()
     assert extra[0].tolist() == pytest.approx([0.0, 150.0, 600.0], rel=1e-4)
 
 

@@ -7,6 +7,7 @@ from torch import Tensor
 
 from rl.guidance.observations import CHANGE_SCALE
 from rl.learn.policy import CheckpointError, ClassicalPolicy, TrainedPolicy
+from rl.missions.formation.team import TeamTask
 from rl.perception.sensors import Obstacle
 from taichi_sim.config import ConfigError
 
@@ -46,7 +47,7 @@ def test_the_change_of_velocity_that_the_controller_wants_now_is_observed():
     team = task.teams["usv"]
     assert team.observation_names[-2:] == ("reference.0", "reference.1")
     for _ in range(2):
-        squashed = team.observe()[..., -2:]
+        squashed = team.observations()[..., -2:]
         ahead, aside = (CHANGE_SCALE * squashed / (1 - squashed.abs())).unbind(-1)
         c, s = team.known.fleet.heading
         change = torch.stack((c * ahead - s * aside, s * ahead + c * aside), dim=-1)
@@ -81,7 +82,7 @@ def test_a_corrected_velocity_is_flown(team):
     off = side.now.error[:, 0, :2]
     aside = off[:, 1] * side.target.cos[:, 0] - off[:, 0] * side.target.sin[:, 0]
     assert (aside > 1.0).all()  # where the controller's own 2 m/s back balance it
-    assert side.observe().shape[-1] == len(side.observation_names)
+    assert side.observations().shape[-1] == len(side.observation_names)
 
 
 def test_its_policy_is_another_than_one_that_acts_alone():
@@ -101,11 +102,11 @@ def test_its_policy_is_another_than_one_that_acts_alone():
 
 def test_what_has_no_classical_controller_cannot_be_corrected(monkeypatch):
     task = corrected()
-    monkeypatch.setattr(type(task), "controller", lambda self, team: None)
+    monkeypatch.setattr(TeamTask, "make_controller", lambda self: None)
     team = task.teams["usv"]
     team._controller = team._wanted = None
     with pytest.raises(ConfigError, match="usv.residual: there is no classical controller to correct"):
-        team.observe()
+        team.observations()
 
 
 @pytest.mark.parametrize("team", ["usv", "uav"])

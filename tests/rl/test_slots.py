@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 import torch
+from phases import due
 from torch import Tensor
 
 from rl.course.tracks import generate_tracks
@@ -39,7 +40,7 @@ def measured(target: Tensor, leader: Tensor, velocity: Tensor, table: Tensor) ->
     )
     fleet.state[:, 0, POSITION], fleet.derived[:, 0, VELOCITY_N] = leader, velocity
     geometry = Geometry(fleet, target, 0.0, table, 3)
-    geometry.measure(torch.ones(shape[0], dtype=torch.int32), shape[0])
+    geometry.measure(due(shape[0]))
     return geometry
 
 

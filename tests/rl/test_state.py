@@ -73,7 +73,7 @@ class Driver:
             given = self.actions(self.mission.num_envs)
             step = self.mission.step({name: team.command(given[name]) for name, team in self.mission.teams.items()})
             self.mission.reset((step.terminated | step.truncated).nonzero().flatten())
-            seen = {name: team.observe().numpy().copy() for name, team in self.mission.teams.items()}
+            seen = {name: team.observations().numpy().copy() for name, team in self.mission.teams.items()}
             found.append(seen | {f"{name} reward": step.reward[name].numpy().copy() for name in seen})
         return found
 
@@ -143,7 +143,7 @@ def test_a_fork_that_shares_the_noise_does_what_its_source_does(name):
             mission.step({n: team.command(given[n]) for n, team in mission.teams.items()})
             fork.step({n: team.command(given[n][rows]) for n, team in fork.teams.items()})
             for n, team in mission.teams.items():
-                assert team.observe()[rows].equal(fork.teams[n].observe()), (name, n, again)
+                assert team.observations()[rows].equal(fork.teams[n].observations()), (name, n, again)
         mission.fork([2, 0], 2, into=fork)
 
 
@@ -168,7 +168,7 @@ def test_copies_within_a_mission_are_what_they_are_of():
     for _ in range(8):
         given = {n: a[[1, 1, 2, 4, 4, 1]] for n, a in driver.actions(6).items()}
         mission.step({n: team.command(given[n]) for n, team in mission.teams.items()})
-        seen = mission.teams["usv"].observe()
+        seen = mission.teams["usv"].observations()
         assert seen[0].equal(seen[1]) and seen[5].equal(seen[1]) and seen[3].equal(seen[4])
 
 

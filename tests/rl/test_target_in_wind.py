@@ -138,7 +138,7 @@ def test_in_a_calm_air_and_ground_are_one():
         for _ in range(3):
             task.step(still(task))
     torch.testing.assert_close(ground.teams["uav"].targets.progress, air.teams["uav"].targets.progress)
-    torch.testing.assert_close(ground.teams["uav"].observe(), air.teams["uav"].observe(), atol=1e-5, rtol=0)
+    torch.testing.assert_close(ground.teams["uav"].observations(), air.teams["uav"].observations(), atol=1e-5, rtol=0)
 
 
 # -- starts -------------------------------------------------------------------------------------------------------
@@ -254,7 +254,7 @@ def test_aircraft_observe_airspeed_and_wind(aircraft):
         aircraft.step({"uav": 2 * torch.rand(64, 3, 3, generator=generator) - 1})
     names = aircraft.teams["uav"].observation_names
     first = names.index("airspeed")
-    seen = aircraft.teams["uav"].observe()[..., first : first + 4]
+    seen = aircraft.teams["uav"].observations()[..., first : first + 4]
     assert names[first + 1 : first + 4] == ("wind.0", "wind.1", "wind.2")
     wind_b = 10.0 * seen[..., 1:] / (1 - seen[..., 1:].abs())
     blows = 7.72 * torch.tensor([math.cos(math.radians(60)), math.sin(math.radians(60)), 0.0])
@@ -279,7 +279,7 @@ def test_instruments_show_the_air_before_the_first_step(aircraft):
 def test_what_has_no_air_data_observes_none():
     """The paper's aircraft see the same in a wind as in a calm."""
     calm, windy = make(envs=4), make(*BREEZE, envs=4)
-    assert calm.teams["uav"].observe().shape == windy.teams["uav"].observe().shape
+    assert calm.teams["uav"].observations().shape == windy.teams["uav"].observations().shape
     for task in (calm, windy):
         task.reset(worlds=torch.arange(4), starts=torch.arange(4))
-    assert calm.teams["uav"].observe().equal(windy.teams["uav"].observe())
+    assert calm.teams["uav"].observations().equal(windy.teams["uav"].observations())

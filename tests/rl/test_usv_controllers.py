@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from phases import due
 from torch import Tensor
 
 from rl.evaluation.episodes import judge_episodes
@@ -165,7 +166,7 @@ def test_shaft_speeds_do_as_surge_and_yaw(left_right):
     sail(task, 10.0)
     team, other = task.teams["usv"], make(*CALM, vehicle=left_right).teams["usv"].fleet.model
     t = team.fleet.model.params.thrusters
-    surge, yaw = task.controller(team)(team).unbind(-1)  # a new one: it has not learnt a drift yet
+    surge, yaw = team.make_controller()(team).unbind(-1)  # a new one: it has not learnt a drift yet
     mean, half = 0.5 * (surge + 1) * t.thrust_max, 0.5 * yaw * (t.thrust_max - t.thrust_min)
     share = Hull6DofController(other)(team)
     n = torch.where(share > 0, share * t.n_max, -share * t.n_min)
@@ -199,7 +200,7 @@ def test_forgets_the_drift_in_a_new_episode():
     sail(task, 20.0, policy)
     task.reset(torch.tensor([1, 2]), worlds=torch.tensor([3, 0]))
     team = task.teams["usv"]
-    old, new = policy(team), task.controller(team)(team.known)
+    old, new = policy(team), team.make_controller()(team.known)
     assert torch.equal(old[1:3], new[1:3])
     assert (old[0] - new[0]).abs().max() > 1e-3
     assert (old[3] - new[3]).abs().max() > 1e-3
@@ -222,7 +223,7 @@ def test_state_that_is_not_finite_stays_alone(vehicle):
     team = task.teams["usv"]
     sound = ClassicalPolicy()(team)
     team.fleet.state[2, 1], team.fleet.derived[2, 1] = math.nan, math.nan
-    team.now.measure(torch.ones(task.num_envs, dtype=torch.int32), task.num_envs)
+    team.now.measure(due(task.num_envs))
     broken = ClassicalPolicy()(team)
     assert (broken[2, 1] == 0).all()
     others = torch.ones(4, 3, dtype=torch.bool)
@@ -236,7 +237,7 @@ def test_drift_survives_what_is_not_finite():
     sail(task, 1.0, policy)
     team = task.teams["usv"]
     team.fleet.state[2, 1], team.fleet.derived[2, 1] = math.nan, math.nan
-    team.now.measure(torch.ones(task.num_envs, dtype=torch.int32), task.num_envs)
+    team.now.measure(due(task.num_envs))
     policy(team)
     task.reset(torch.tensor([2]))
     assert torch.equal(policy(team)[2], ClassicalPolicy()(team)[2])

@@ -48,12 +48,12 @@ def decide(task: Mission, actions: dict[str, torch.Tensor]) -> dict[str, torch.T
     """Take one decision for every vehicle: step, reset ended episodes, observe."""
     step = task.step(actions)
     task.reset(step.terminated | step.truncated)
-    return {name: team.observe() for name, team in task.teams.items()}
+    return {name: team.observations() for name, team in task.teams.items()}
 
 
 def cruise(team: Team) -> torch.Tensor:
     """Mean action [action] of the classical controller at the start of an episode: straight ahead near cruise."""
-    controller = team.mission.controller(team)
+    controller = team.make_controller()
     if controller is None:
         return torch.zeros(team.action.shape[-1])
     return controller(team.known).mean(dim=(0, 1))
@@ -76,7 +76,7 @@ def random_decisions(task: Mission) -> Callable[[], object]:
 
 def untrained_policy(team: Team, stage: StageConfig) -> TrainedPolicy:
     """A network of the configured size with initial weights."""
-    example = TensorDict({"policy": team.observe().flatten(0, 1)[:1]}, batch_size=[1])
+    example = TensorDict({"policy": team.observations().flatten(0, 1)[:1]}, batch_size=[1])
     options = actor_config(stage)
     options.pop("class_name")
     return TrainedPolicy(MLPModel(example, OBS_GROUPS, "actor", len(team.action_names), **options))
@@ -85,7 +85,7 @@ def untrained_policy(team: Team, stage: StageConfig) -> TrainedPolicy:
 def policy_decisions(task: Mission, stages: dict[str, StageConfig]) -> Callable[[], object]:
     """A function that takes one decision with every team's network."""
     policies = {name: untrained_policy(team, stages[name]) for name, team in task.teams.items()}
-    observed = {name: team.observe() for name, team in task.teams.items()}
+    observed = {name: team.observations() for name, team in task.teams.items()}
 
     def decide_by_policy() -> None:
         nonlocal observed

@@ -29,7 +29,7 @@ from torch import Tensor
 from rl.guidance.avoidance import AvoidanceGains, Avoider, SlotController
 from rl.guidance.geometry import approach, into, turning
 from rl.guidance.knowledge import Knowledge
-from rl.mission import ControllerError
+from rl.team import ControllerError
 from taichi_sim.config import Positive
 from taichi_sim.conventions import DOWN, GRAVITY
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import READINGS, FixedWing6DOF
@@ -122,7 +122,7 @@ class FixedWing6DofController(SlotController):
         """Rate (rad/s) of the course that follows `to_fly` (along, aside); `most` in the steepest turn."""
         x, y = to_fly
         square = (x * x + y * y).clamp(min=self.limits.floor**2)
-        slot_x, slot_y = into(turning(team, team.now.slot_velocity)[..., :2], nose)
+        slot_x, slot_y = into(turning(team.target, team.now.slot_velocity)[..., :2], nose)
         steady = torch.where(wanted.evading, 0.0, (x * slot_y - y * slot_x) / square)
         chasing = torch.where(wanted.evading, 0.0, (x * wanted.change[1] - y * wanted.change[0]) / square)
         back = chasing + self.course * torch.atan2(y, x)

@@ -29,7 +29,7 @@ from rl.guidance.controllers.sampled import decaying, place_poles
 from rl.guidance.geometry import COURSE_RATE, row_of, to_starboard, turning
 from rl.guidance.geometry import V as VELOCITY
 from rl.guidance.knowledge import Knowledge, KnownPack, TeamKernel
-from rl.mission import ControllerError
+from rl.team import ControllerError
 from taichi_sim.config import NonNegative, Positive
 from taichi_sim.conventions import EAST, NORTH, ROLL_RATE
 from taichi_sim.kernels.abreast import taken
@@ -265,7 +265,7 @@ class Course:
         self.drift.learn(error, able & (chase.norm(dim=-1, keepdim=True) < self.drift.most))
         if team.now.about:
             self.drift.correct(wanted, v, share < 1)
-        change = turning(team, slot) + torch.where(able, self.loops.k_e * (slot - v), 0.0)
+        change = turning(team.target, slot) + torch.where(able, self.loops.k_e * (slot - v), 0.0)
         return CourseCommand(wanted + drift, change)
 
     def _fastest(self, slot: Tensor, chase: Tensor, about: bool) -> Tensor:

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
@@ -10,31 +9,47 @@ from torch import Tensor
 from rl.guidance.geometry import EAST, NORTH, SLOT_SIZE, TARGET_SIZE, SlotErrors, Target, to_starboard
 from rl.guidance.observations import squashed
 from rl.guidance.residual import ResidualTeam
-from rl.missions.escort.circling import CIRCLE_SCALE, FAR_SCALE, SLOW_SCALE, CircleErrors, CircleKnowledge, CirclingForm
+from rl.missions.escort import rewards
+from rl.missions.escort.both import LOGGED, endings_of, log_of
+from rl.missions.escort.circling import (
+    CIRCLE_SCALE,
+    FAR_SCALE,
+    SLOW_SCALE,
+    CircleErrors,
+    CircleKnowledge,
+    CirclingForm,
+    OrbitController,
+    OrbitGains,
+)
+from rl.missions.escort.parts import Parts
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
 from rl.perception.contacts import TrackedContacts
+from rl.perception.due import Due
 from rl.perception.instruments import InstrumentsConfig, Readings
 from rl.perception.sensors import Sensor
 from rl.perception.sightings import Camera
+from rl.rewards import paid
+from rl.team import Controller, Endings
+from taichi_sim.config.io import validate
 from taichi_sim.conventions import DOWN, QUATERNION, STATE_SIZE
 from taichi_sim.fleet import Views
 from taichi_sim.kernels.rotation import DERIVED_SIZE, HEADING_COS, HEADING_SIN, ROTATION, VELOCITY_N
-
-if TYPE_CHECKING:
-    from rl.missions.escort.mission import Escort
+from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 
 SEARCH_PITCH, SEARCH_SPEED = 1.0, 0.5  # of the circle's radius; of the cruising speed, along the spiral; assumed
 SCOUT_SPEED = 25.0  # m/s; assumed
-BEGINS = 1.5  # radii of the circle from the vessel's expected place, within which a search begins; assumed
+SEARCHES = 1.5  # radii of the circle from the vessel's expected place, within which a search begins; assumed
 
 
-def aircraft_observers(mission: "Escort", name: str, first: int) -> ObserverGroup:
+def aircraft_observers(mission: Parts, name: str, first: int) -> ObserverGroup:
     """Make the observer group of the aircraft of team `name`, numbered from `first` on."""
     config, fleet = mission.config, mission.world.teams[name]
     section = config.parts[name]
     own = Readings(fleet, section.sensors, config.decision_interval, config.first_number(name))
     radius, cruise = section.orbit.radius, fleet.model.limits.speeds[1]
-    return ObserverGroup(first, own, fleet, SpiralSearch(SEARCH_PITCH * radius, SEARCH_SPEED * cruise, BEGINS * radius))
+    return ObserverGroup(
+        first, own, fleet, SpiralSearch(SEARCH_PITCH * radius, SEARCH_SPEED * cruise, SEARCHES * radius)
+    )
 
 
 class EscortAircraft(ResidualTeam):
@@ -48,12 +63,13 @@ class EscortAircraft(ResidualTeam):
         sensor: surrounding obstacles and team mates.
     """
 
-    STATE = ("sensor", "distance", "gap_error", "in_range", "own", "camera", "known")
+    STATE = ("sensor", "distance", "gap_error", "in_range", "own", "camera", "measured")
 
-    mission: "Escort"
+    logged = LOGGED
+    mission: Parts
     axes = 3
 
-    def __init__(self, mission: "Escort", name: str, tracking: SharedTracking):
+    def __init__(self, mission: Parts, name: str, tracking: SharedTracking):
         """Make team `name`, whose aircraft are among the observers of `tracking`."""
         super().__init__(mission, name)
         config, state, model = mission.config, self.fleet.state, self.fleet.model
@@ -76,29 +92,61 @@ class EscortAircraft(ResidualTeam):
         boats = tracking.groups.get(config.escort.boats)
         form = CirclingForm(group.first, (0, 0) if boats is None else (boats.first, boats.first + boats.count))
         self._errors = CircleErrors(self, form)
-        self.known = self.measured = MeasuredAircraft(self, number, form)
+        self.measured = MeasuredAircraft(self, number, form)
 
-    def measure(self, which: Tensor, count: int) -> None:
-        """Measure the truth and read the instruments in the `count` environments where `which` [env] int32 is not 0."""
-        self.forget()
+    @property
+    def _known(self) -> "MeasuredAircraft":
+        return self.measured
+
+    def truth(self, due: Due) -> None:
+        """Measure errors from the circle about the true vessel, and gaps to all around."""
+        super().truth(due)
         mission = self.mission
-        self.sensor.look(mission.obstacles, mission.env_world, which, count, mission.bodies)
-        self.own.read(which, count, mission.noise.table)
-        self._errors.measure(which, count)
+        self.sensor.look(mission.obstacles, mission.env_world, due, mission.bodies)
+        self._errors.measure(due)
 
-    def look(self, which: Tensor, rows: int) -> None:
+    def look(self, due: Due) -> None:
         """Look at the place where each aircraft believes the vessel to be."""
         self.camera.aim(self.measured.believed)
-        self.camera.see(which, rows, self.mission.noise.table)
+        self.camera.see(due)
 
-    def conclude(self, which: Tensor, count: int) -> None:
-        """Update what the aircraft know; call after `SharedTracking.update`."""
-        self.measured.measure(which, count)
+    def conclude(self, due: Due) -> None:
+        """Update the tangent of the circle, and tracks of what is near."""
+        super().conclude(due)
+        self.measured.conclude(due)
+
+    def reward(self, ended: Endings) -> Tensor:
+        """Rewards of rewards.py."""
+        return paid(rewards.AIRCRAFT_TERMS, self.section.aircraft_reward, self, ended)
+
+    def endings(self) -> dict[str, Tensor]:
+        """Contact with an obstacle, the vessel or a team mate; out of the area."""
+        return endings_of(self, self.mission.config)
+
+    def log(self, ended: Endings) -> dict[str, Tensor]:
+        """See both.py."""
+        return log_of(self, ended, self.mission.arrived, self.mission.config)
+
+    def info(self) -> dict[str, Tensor]:
+        """distance: m, from the circle."""
+        return {"distance": self.distance}
+
+    def make_controller(self) -> Controller | None:
+        """The vehicle's own controller, else that of circling.py for fixed wings."""
+        own, model = super().make_controller(), self.fleet.model
+        if own is not None or not isinstance(model, FixedWing6DOF):
+            return own
+        return OrbitController(model, validate(OrbitGains, dict(self.section.control), f"{self.name}.control"))
 
     @property
     def sees(self) -> Tensor:
-        """Whether each aircraft's camera sees the vessel, bool [env, aircraft]."""
+        """Whether each aircraft's camera saw the vessel when it last looked, bool [env, aircraft]."""
         return self.tracking.sees(self.name)
+
+    @property
+    def boats_result(self) -> Tensor:
+        """How near the boats are to their slots, [env]."""
+        return self.mission.boats_result()
 
     @property
     def layout(self) -> Mapping[str, int]:
@@ -116,7 +164,7 @@ class EscortAircraft(ResidualTeam):
         parts = [
             squashed(to, FAR_SCALE), squashed(mission.vessel_velocity.unsqueeze(1).expand_as(to), SLOW_SCALE),
             squashed(self.distance.unsqueeze(-1), CIRCLE_SCALE), self.gap_error.unsqueeze(-1) / math.pi,
-            self.in_range.unsqueeze(-1), mission.boats_result().view(-1, 1, 1).expand(*to.shape[:2], 1),
+            self.in_range.unsqueeze(-1), self.boats_result.view(-1, 1, 1).expand(*to.shape[:2], 1),
         ]  # fmt: skip
         if mission.config.varies:
             parts.append(mission.world.truth[self.name])
@@ -166,11 +214,10 @@ class MeasuredAircraft:
         """int64 [env], decisions since the episode began."""
         return self._team.steps
 
-    def measure(self, which: Tensor, rows: int) -> None:
-        """Measure in the `rows` environments where `which` [env] int32 is not 0."""
-        team = self._team
-        self.circle.listen(which, rows)
-        self.sensor.update(which, rows, self.steps, team.mission.noise.table)
+    def conclude(self, due: Due) -> None:
+        """Update all where it is `due`."""
+        self.circle.listen(due)
+        self.sensor.update(due)
 
     @property
     def boats(self) -> tuple[Tensor, Tensor]:
@@ -178,7 +225,7 @@ class MeasuredAircraft:
         return self._boats, self._farthest
 
 
-def scout_observers(mission: "Escort", name: str, first: int) -> ObserverGroup:
+def scout_observers(mission: Parts, name: str, first: int) -> ObserverGroup:
     """Make an observer group of scouts that replace the aircraft of team `name`, numbered from `first` on."""
     section, like = mission.config.parts[name], mission.hs
     rows = mission.num_envs, section.count
@@ -201,7 +248,7 @@ class Scouts:
 
     STATE = ("views", "camera")
 
-    def __init__(self, mission: "Escort", name: str, tracking: SharedTracking):
+    def __init__(self, mission: Parts, name: str, tracking: SharedTracking):
         """Make one scout for each vehicle of team `name`; all are among the observers of `tracking`."""
         section, like = mission.config.parts[name], mission.hs
         self.mission, self.name, self.section, self.orbit = mission, name, section, section.orbit
@@ -225,23 +272,23 @@ class Scouts:
         row[..., DOWN] = -self._height
         state[envs] = row
 
-    def measure(self, which: Tensor) -> None:
-        """Advance the scouts by one decision where `which` [env] int32 is 1, and aim their cameras at the vessel."""
+    def truth(self, due: Due) -> None:
+        """Advance the scouts by one decision where an episode goes on."""
         state, derived = self.views.state, self.views.derived
         R, sigma, dt = self.orbit.radius, self.orbit.turn, self.mission.config.decision_interval
         x = state[..., :2] - self.mission.vessel_place.unsqueeze(1)
         r = x.norm(dim=-1, keepdim=True).clamp(min=1.0)
         e = x / r
         d = (-(r * r - R * R) * e + 2 * sigma * r * R * to_starboard(e)) / (r * r + R * R)
-        step = (which == 1).to(d).view(-1, 1, 1)
+        step = due.goes_on.to(d).view(-1, 1, 1)
         state[..., :2] += SCOUT_SPEED * dt * step * d
         c, s = d.unbind(-1)
         zero, one = torch.zeros_like(c), torch.ones_like(c)
         derived[..., ROTATION] = torch.stack((c, -s, zero, s, c, zero, zero, zero, one), dim=-1)
         derived[..., VELOCITY_N] = torch.cat((SCOUT_SPEED * d, torch.zeros_like(r)), dim=-1)
         derived[..., HEADING_COS], derived[..., HEADING_SIN] = c, s
-        self.camera.aim(self.mission.vessel_place.unsqueeze(1).expand_as(x))
 
-    def look(self, which: Tensor, rows: int) -> None:
-        """Take the cameras' sightings in the `rows` environments where `which` [env] int32 is not 0."""
-        self.camera.see(which, rows, self.mission.noise.table)
+    def look(self, due: Due) -> None:
+        """Aim the cameras at the vessel, and look."""
+        self.camera.aim(self.mission.vessel_place.unsqueeze(1).expand(-1, self.section.count, -1))
+        self.camera.see(due)

@@ -1,39 +1,44 @@
 """The boats of the escort: true errors from their slots about the vessel, and what the boats know."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
-from rl.guidance.geometry import OFFSET, RATE, SLOT_SIZE, Geometry, Target
+from rl.guidance.controllers import controller_of
+from rl.guidance.geometry import OFFSET, RATE, SLOT_SIZE, Geometry, Target, course_of
 from rl.guidance.geometry import TARGET_SIZE as TARGET
 from rl.guidance.observations import ObservationWriter, squashed
 from rl.guidance.residual import ResidualTeam
 from rl.guidance.shapes import escort_offsets
+from rl.missions.escort import rewards
+from rl.missions.escort.both import LOGGED, endings_of, log_of
+from rl.missions.escort.parts import Parts
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
 from rl.perception.chart import Charted
 from rl.perception.contacts import TrackedContacts
+from rl.perception.due import Due
 from rl.perception.instruments import Readings
 from rl.perception.sensors import Sensor
 from rl.perception.sightings import Lookout
-
-if TYPE_CHECKING:
-    from rl.missions.escort.mission import Escort
+from rl.rewards import paid
+from rl.team import Controller, Endings
 
 AGE_SCALE, SIGMA_SCALE = 5.0, 10.0  # s, m at which an observation of a track reaches 1/2
 SEARCH_SPEED = 0.7  # along the spiral, in top speeds; assumed
 SEARCH_PITCH = 1.6  # between two turns of the spiral, in ranges of the lookout; assumed
-BEGINS = 15.0  # m from the expected vessel at which a search begins
+SEARCHES = 15.0  # m from the expected vessel at which a search begins
+LINEAR = 10.0  # m from a boat's slot: beyond it a plan's cost grows linearly
+NEAR_COST, ENDED_COST = 10.0, 2e3  # of plans, m: for each m less than the berth; for an ending
 
 
-def boat_observers(mission: "Escort", name: str, first: int) -> ObserverGroup:
+def boat_observers(mission: Parts, name: str, first: int) -> ObserverGroup:
     """Make the observer group of the boats of team `name`, numbered from `first` on."""
     config, fleet = mission.config, mission.world.teams[name]
     section = config.parts[name]
     own = Readings(fleet, section.sensors, config.decision_interval, config.first_number(name))
     pitch, speed = SEARCH_PITCH * section.lookout.vessel_range, SEARCH_SPEED * fleet.model.limits.speeds[2]
-    return ObserverGroup(first, own, fleet, SpiralSearch(pitch, speed, BEGINS))
+    return ObserverGroup(first, own, fleet, SpiralSearch(pitch, speed, SEARCHES))
 
 
 class EscortBoats(ResidualTeam):
@@ -42,18 +47,19 @@ class EscortBoats(ResidualTeam):
     The class implements `Knowledge` (rl/guidance/knowledge.py) with the true values.
 
     Attributes:
-        now: errors from the slots about the true vessel; known.now: about the vessel as each boat knows it.
+        now: errors from the slots about the true vessel; measured.now: about the vessel as each boat knows it.
         target: the true vessel. sensor: obstacles near, the vessel among them. distance, before: m from the slot, now
-            and a decision ago. own: what the instruments measure. known: the input of policies and controllers.
+            and a decision ago. own: what the instruments measure. measured: the input of policies and controllers.
     """
 
-    STATE = ("now", "sensor", "before", "own", "lookout", "target", "known")
+    STATE = ("now", "sensor", "before", "own", "lookout", "target", "measured")
 
-    mission: "Escort"
+    logged = LOGGED
+    mission: Parts
     axes = 2
     radio = None
 
-    def __init__(self, mission: "Escort", name: str, tracking: SharedTracking):
+    def __init__(self, mission: Parts, name: str, tracking: SharedTracking):
         """Make team `name`, whose boats are among the observers of `tracking`."""
         super().__init__(mission, name)
         config, state, model = mission.config, self.fleet.state, self.fleet.model
@@ -77,37 +83,73 @@ class EscortBoats(ResidualTeam):
             self.section.lookout, self.section.sensors, tracking.sightings, tracking.objects, self.fleet, self.own,
             mission.elevation, vehicles=number,
         )  # fmt: skip
-        self.known = self.measured = MeasuredBoats(self, number)
-        self.observations = ObservationWriter(self.known, "full", self.reference_width)
+        self.measured = MeasuredBoats(self, number)
+        self.writer = ObservationWriter(self.measured, "full", self.reference_width)
         self._true = ObservationWriter(self, "full", self.reference_width)
 
-    def measure(self, which: Tensor, count: int) -> None:
-        """Measure the truth and read the instruments in the `count` environments where `which` [env] int32 is not 0."""
-        self.forget()
-        self.before = torch.where((which == 1).unsqueeze(-1), self.now.distance, self.before)
-        self.now.measure(which, count)
-        self.before = torch.where((which == 2).unsqueeze(-1), self.now.distance, self.before)
+    def follow(self, place: Tensor, velocity: Tensor) -> None:
+        """Write the true vessel's place and velocity [env, 2] (NED, m, m/s) into `target`."""
+        (north, east), speed, course = place.unbind(-1), velocity.norm(dim=-1), course_of(velocity)
+        target = (north, east, 0 * speed, course, course.cos(), course.sin(), 0 * speed, speed)
+        self.target.table[:, 0] = torch.stack(target, dim=-1)
+
+    @property
+    def _known(self) -> "MeasuredBoats":
+        return self.measured
+
+    def truth(self, due: Due) -> None:
+        """Measure errors about the true vessel, and gaps to all around."""
+        super().truth(due)
+        self.before = torch.where(due.goes_on.unsqueeze(-1), self.now.distance, self.before)
+        self.now.measure(due)
+        self.before = torch.where(due.begins.unsqueeze(-1), self.now.distance, self.before)
         mission = self.mission
-        self.sensor.look(mission.obstacles, mission.env_world, which, count, mission.bodies)
-        self.own.read(which, count, mission.noise.table)
+        self.sensor.look(mission.obstacles, mission.env_world, due, mission.bodies)
 
-    def look(self, which: Tensor, rows: int) -> None:
-        """Look out for the vessel and obstacles in the `rows` environments where `which` [env] int32 is not 0."""
-        self.lookout.see(which, rows, self.mission.noise.table)
+    def look(self, due: Due) -> None:
+        """Look out for the vessel and obstacles."""
+        self.lookout.see(due)
 
-    def conclude(self, which: Tensor, count: int) -> None:
-        """Update what the boats know; call after `SharedTracking.update`."""
-        self.measured.measure(which, count)
+    def conclude(self, due: Due) -> None:
+        """Update errors about the vessel as each boat knows it, and what is near."""
+        super().conclude(due)
+        self.measured.conclude(due)
+
+    def reward(self, ended: Endings) -> Tensor:
+        """Rewards of rewards.py."""
+        return paid(rewards.BOAT_TERMS, self.section.boat_reward, self, ended)
+
+    def plan_cost(self, ended: Tensor) -> Tensor:
+        """Distance from the slot, squared where it is small, plus NEAR_COST and ENDED_COST."""
+        far, near = self.distance, (self.section.plan.berth - self.sensor.gap).clamp(min=0.0)
+        return far.square() / (far + LINEAR) + NEAR_COST * near + ENDED_COST * ended
+
+    def endings(self) -> dict[str, Tensor]:
+        """Contact with an obstacle, the vessel or a team mate; out of the area."""
+        return endings_of(self, self.mission.config)
+
+    def log(self, ended: Endings) -> dict[str, Tensor]:
+        """See both.py."""
+        return log_of(self, ended, self.mission.arrived, self.mission.config)
+
+    def info(self) -> dict[str, Tensor]:
+        """distance: m, from the slot."""
+        return {"distance": self.distance}
+
+    def make_controller(self) -> Controller | None:
+        """The vehicle's own controller, else that of formations for its model."""
+        own = super().make_controller()
+        return own or controller_of(self.fleet.model, self.section.control, f"{self.name}.control")
 
     @property
     def layout(self) -> Mapping[str, int]:
         """Terms of the team's observations and their widths: those of formations, and two of the vessel's track."""
-        return {**self.observations.widths, "track_age": 1, "track_sigma": 1}
+        return {**self.writer.widths, "track_age": 1, "track_sigma": 1}
 
     def observations_now(self) -> Tensor:
         """Observations [env, boat, n], a fresh tensor each time."""
         age, sigma = (self.tracking.of(self.name, x).unsqueeze(-1) for x in (self.tracking.age, self.tracking.sigma))
-        row = self.observations(self.action, self.reference())
+        row = self.writer(self.action, self.reference())
         return torch.cat((row, squashed(age, AGE_SCALE), squashed(sigma, SIGMA_SCALE)), dim=-1)
 
     def truth_now(self) -> Tensor | None:
@@ -155,10 +197,10 @@ class MeasuredBoats:
         """int64 [env], decisions since the episode began."""
         return self._team.steps
 
-    def measure(self, which: Tensor, rows: int) -> None:
-        """Measure in the `rows` environments where `which` [env] int32 is not 0."""
+    def conclude(self, due: Due) -> None:
+        """Update all where it is `due`."""
         tracking = self._team.tracking
         self.target.table.copy_(tracking.of(self._team.name, tracking.targets))
-        self.now.measure(which, rows)
-        self.sensor.update(which, rows, self.steps, self._team.mission.noise.table)
-        self._charted.write(which, rows)
+        self.now.measure(due)
+        self.sensor.update(due)
+        self._charted.write(due)

@@ -8,12 +8,13 @@ no other aircraft is known. Frame: NED.
 # pyright: reportInvalidTypeForm=false, reportOptionalCall=false, reportIndexIssue=false
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Protocol, cast
 
 import taichi as ti
 import torch
 from torch import Tensor
 
+from rl.guidance.avoidance import SlotController
 from rl.guidance.controllers.fixed_wing_6dof import (
     EVADING,
     FixedWing6DofController,
@@ -22,6 +23,7 @@ from rl.guidance.controllers.fixed_wing_6dof import (
     velocity_through_air,
 )
 from rl.guidance.geometry import COS, COURSE, EAST, NORTH, SIN, SPEED, cross, own_frame, to_starboard
+from rl.guidance.knowledge import Knowledge
 from rl.guidance.observations import (
     RATE_SCALE,
     SPEED_SCALE,
@@ -34,17 +36,19 @@ from rl.guidance.observations import (
     squash,
 )
 from rl.missions.escort.boats import AGE_SCALE, SIGMA_SCALE
+from rl.missions.escort.config import OrbitConfig
+from rl.missions.escort.parts import Parts
+from rl.missions.escort.tracking import SharedTracking
+from rl.perception.due import NOT_DUE, Due
 from rl.perception.radio import Message
 from rl.perception.sightings import Sighting
 from taichi_sim.config import Positive
 from taichi_sim.conventions import DOWN, ROLL_RATE, SURGE
+from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import rotation, runtime
 from taichi_sim.kernels.abreast import taken, taken2
 from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
-
-if TYPE_CHECKING:
-    from rl.missions.escort.aircraft import EscortAircraft, MeasuredAircraft
 
 HEARD_OF = 5.0  # s: older messages of other aircraft are ignored; assumed
 LEAST_SHARE = 0.2  # of the airspeed, the least speed relative to the centre; assumed
@@ -62,6 +66,43 @@ KnownPack = ti.types.argpack(
 HeardPack = ti.types.argpack(state=array3, targets=array3, heard=array4, down=array1, numbers=array1)
 OwnPack = ti.types.argpack(state=array3, derived=array3, aux=array3, targets=array3, signals=array3)
 TracksPack = ti.types.argpack(sightings=array4, age=array2, sigma=array2, radius=array1)
+
+
+class CirclingTeam(Protocol):
+    """What is read, and written, of the team of aircraft (aircraft.py); tensors are [env, aircraft, ...]."""
+
+    fleet: Fleet
+    orbit: OrbitConfig
+    down: Tensor  # [aircraft] height of the circles, m
+    distance: Tensor
+    gap_error: Tensor
+    in_range: Tensor
+    tracking: SharedTracking
+    mission: Parts
+
+    @property
+    def reference_width(self) -> int:
+        """Width of what a residual policy corrects."""
+        ...
+
+
+class CircleView(Knowledge, Protocol):
+    """What aircraft know of their circle; tensors are [env, aircraft, ...]."""
+
+    orbit: OrbitConfig
+    gap_error: Tensor
+    height_error: Tensor
+    centre_velocity: Tensor
+
+    @property
+    def centre(self) -> Tensor:
+        """Place of the vessel, [.., 2], m."""
+        ...
+
+    @property
+    def boats(self) -> tuple[Tensor, Tensor]:
+        """Mean place of the boats heard, distance to the farthest, m."""
+        ...
 
 
 class CirclingForm(NamedTuple):
@@ -114,7 +155,7 @@ def _measure(out: ErrorsPack, true: TruePack, which: whole1, form: ti.template()
     """Write errors from the circle about the true vessel, and the share of boats within radio range."""
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(true.state.shape[0], true.state.shape[1]):
-        if which[e] != 0:
+        if which[e] != NOT_DUE:
             turn = true.numbers[TURN]
             place = ti.Vector([true.state[e, i, a] for a in ti.static(range(3))])
             x, y = place[0] - true.vessel[e, NORTH], place[1] - true.vessel[e, EAST]
@@ -142,7 +183,7 @@ def _listen(out: KnownPack, of: HeardPack, which: whole1, form: ti.template()):
     """Write what each aircraft knows: the vessel by its own estimate, the others by the messages that it has heard."""
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(of.state.shape[0], of.state.shape[1]):
-        if which[e] != 0:
+        if which[e] != NOT_DUE:
             o, age, turn = ti.static(form.first) + i, of.heard.shape[3] - 1, of.numbers[TURN]
             north, east = of.targets[e, o, NORTH], of.targets[e, o, EAST]
             for a in ti.static(range(2)):
@@ -226,7 +267,7 @@ def put_direction(out: ti.template(), e, i, at: ti.template(), seen: ti.template
 class CircleErrors:
     """Writes the true errors of a team of aircraft into its `distance`, `gap_error` and `in_range`."""
 
-    def __init__(self, team: "EscortAircraft", form: CirclingForm):
+    def __init__(self, team: CirclingTeam, form: CirclingForm):
         """Measure `team` about the vessel of its mission."""
         mission, state = team.mission, team.fleet.state
         boats = mission.world.teams.get(mission.config.escort.boats)
@@ -237,10 +278,10 @@ class CircleErrors:
             down=team.down, numbers=numbers_of(team),
         )  # fmt: skip
 
-    def measure(self, which: Tensor, count: int) -> None:
-        """Measure in the `count` environments where `which` [env] int32 is not 0."""
-        form = self._form._replace(serial=runtime.few(count * self._rows, CIRCLE))
-        self._launch(self._out(), self._true(), which, form)
+    def measure(self, due: Due) -> None:
+        """Measure in the environments that are `due`."""
+        form = self._form._replace(serial=runtime.few(due.count * self._rows, CIRCLE))
+        self._launch(self._out(), self._true(), due.which, form)
 
 
 class CircleKnowledge:
@@ -250,7 +291,7 @@ class CircleKnowledge:
         widths: term -> how many numbers it has, in order.
     """
 
-    def __init__(self, known: "MeasuredAircraft", team: "EscortAircraft", form: CirclingForm):
+    def __init__(self, known: CircleView, team: CirclingTeam, form: CirclingForm):
         """Write into the tensors of `known`, for `team`."""
         state, tracking, model = known.fleet.state, team.tracking, team.fleet.model
         self._rows, self._form, self._known = state.shape[1], form, runtime.Packed(
@@ -276,10 +317,10 @@ class CircleKnowledge:
         self._terms = terms._replace(at=columns(self.widths))
         self._listen, self._observe = runtime.Launcher(_listen), runtime.Launcher(_observe)
 
-    def listen(self, which: Tensor, rows: int) -> None:
-        """Update the tensors in the `rows` environments where `which` [env] int32 is not 0."""
-        form = self._form._replace(serial=runtime.few(rows * self._rows, LISTEN))
-        self._listen(self._known(), self._heard(), which, form)
+    def listen(self, due: Due) -> None:
+        """Update the tensors in the environments that are `due`."""
+        form = self._form._replace(serial=runtime.few(due.count * self._rows, LISTEN))
+        self._listen(self._known(), self._heard(), due.which, form)
 
     def observe(self, action: Tensor, reference: Tensor | None) -> Tensor:
         """All terms [env, aircraft, n], side by side in a fresh tensor.
@@ -293,7 +334,7 @@ class CircleKnowledge:
         return out
 
 
-def numbers_of(team: "EscortAircraft") -> Tensor:
+def numbers_of(team: CirclingTeam) -> Tensor:
     """The kernels' argument `numbers`."""
     return team.fleet.state.new_tensor([team.orbit.radius, team.orbit.turn, team.mission.config.radio.range])
 
@@ -307,7 +348,7 @@ class OrbitGains(FixedWing6DofGains):
     field_radius: Positive = 1.0  # without effect; tuned scenarios may hold it
 
 
-class OrbitController:
+class OrbitController(SlotController):
     """Controller of aircraft that circle a moving point: a Lyapunov guidance vector field in wind. It has no memory.
 
     With x = position - centre, of length r, the field is the direction of flight relative to the centre, for a circle
@@ -334,16 +375,13 @@ class OrbitController:
         self.gains = gains or self.Gains()
         self.flight = FixedWing6DofController(model, self.gains)
 
-    def __call__(self, team: "MeasuredAircraft") -> Tensor:
-        """Actions [env, aircraft, action] in [-1, 1]; 0 where they would be NaN, as for a state that is not finite."""
-        return self.act(team, self.wanted(team))
-
-    def act(self, team: "MeasuredAircraft", wanted: FlightCommand) -> Tensor:
+    def act(self, team: Knowledge, wanted: FlightCommand) -> Tensor:
         """Actions [env, aircraft, action] in [-1, 1] that follow the command."""
         return self.flight.act(team, wanted)
 
-    def wanted(self, team: "MeasuredAircraft") -> FlightCommand:
-        """The velocity command of the field, its change, and whether it evades."""
+    def wanted(self, team: Knowledge) -> FlightCommand:
+        """The velocity command of the field, its change, and whether it evades; `team` is a `CircleView`."""
+        team = cast(CircleView, team)
         loops, limits = self.flight.loops, self.flight.limits
         v, air, R = team.fleet.velocity_n, velocity_through_air(team), team.orbit.radius
         low, cruise, high = limits.speeds

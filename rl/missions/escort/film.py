@@ -7,21 +7,19 @@ news of the vessel.
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from rl.guidance.geometry import COURSE, DOWN, NORTH
-from rl.missions.escort.config import OrbitConfig
-from rl.perception.sightings import Sighting
+from rl.missions.escort.config import EscortConfig, OrbitConfig
+from rl.missions.escort.parts import Parts
+from rl.missions.escort.tracking import ObserverGroup, SharedTracking
+from rl.perception.sightings import Camera, Sighting
 from taichi_sim.conventions import HORIZONTAL
 from taichi_sim.recording.overlays import Ellipsoids, Lines, Overlay, Plot
-
-if TYPE_CHECKING:
-    from rl.missions.escort.aircraft import EscortAircraft, Scouts
-    from rl.missions.escort.mission import Escort
 
 Frames = Mapping[str, NDArray[np.float64]]
 """Data of the drawings: name -> [frame, ...]."""
@@ -36,9 +34,17 @@ ARC, HIGH = 7, 0.18  # points of an arc; its height divided by its length
 ROUND = np.linspace(0.0, 2 * math.pi, 49)
 
 
-def overlays_of(mission: "Escort", env: int) -> tuple[Overlay, ...]:
+class Flying(Protocol):
+    """Aircraft, or scouts in their place."""
+
+    name: str
+    camera: Camera
+    orbit: OrbitConfig
+
+
+def overlays_of(mission: Parts, tracking: SharedTracking, flying: Flying | None, env: int) -> tuple[Overlay, ...]:
     """All drawings of environment `env` now, of one frame each."""
-    tracking, radio, flying = mission.tracking, mission.tracking.radio, mission.flying
+    radio = tracking.radio
     age = radio.heard[env, ..., -1].cpu().numpy()
     due, fresh = radio.due(int(mission.steps[env])), radio.delay + 1e-3
     now = {
@@ -51,18 +57,17 @@ def overlays_of(mission: "Escort", env: int) -> tuple[Overlay, ...]:
     now |= {"arrived": torch.from_numpy(due & (age <= fresh)), "lost": torch.from_numpy(due & (age > fresh))}
     frame = {name: value.cpu().numpy().astype(np.float64)[None] for name, value in now.items()}
     drawn: list[Overlay] = [*mission.traffic.cylinders(env, mission.config.area)]
-    drawn += [*_messages(mission, frame), *_believed(mission, frame)]
+    drawn += [*_messages(tracking.groups, mission.config.escort, frame), *_believed(tracking.groups, frame)]
     if flying is not None:
-        drawn += [_footprints(frame, flying, mission.tracking.groups[flying.name].rows)]
-        drawn += [_sights(frame, mission.tracking.groups[flying.name].rows), _circle(frame["vessel"], flying.orbit)]
+        drawn += [_footprints(frame, flying, tracking.groups[flying.name].rows)]
+        drawn += [_sights(frame, tracking.groups[flying.name].rows), _circle(frame["vessel"], flying.orbit)]
     names = tuple(f"{name}{k}" for name, g in tracking.groups.items() for k in range(g.count))
     age = np.minimum(frame["age"], 60.0)
     return (*drawn, Plot(name="age of the track of the vessel", unit="s", lines=names, values=age))
 
 
-def _messages(mission: "Escort", film: Frames) -> list[Lines]:
+def _messages(groups: Mapping[str, ObserverGroup], parts: EscortConfig, film: Frames) -> list[Lines]:
     """Messages from each aircraft to each boat."""
-    groups, parts = mission.tracking.groups, mission.config.escort
     if parts.boats not in groups or parts.aircraft not in groups:
         return []
     to, of = groups[parts.boats], groups[parts.aircraft]
@@ -88,10 +93,10 @@ def _messages(mission: "Escort", film: Frames) -> list[Lines]:
     return found
 
 
-def _believed(mission: "Escort", film: Frames) -> list[Ellipsoids]:
+def _believed(groups: Mapping[str, ObserverGroup], film: Frames) -> list[Ellipsoids]:
     """Estimates of the vessel by the first of each team: one standard deviation, drawn at least a metre large."""
     found = []
-    for name, g in mission.tracking.groups.items():
+    for name, g in groups.items():
         at = film["targets"][:, g.first : g.first + 1]
         place = at[..., NORTH : DOWN + 1]
         sigma = np.clip(film["sigma"][:, g.first : g.first + 1], 1.0, 200.0)
@@ -104,7 +109,7 @@ def _believed(mission: "Escort", film: Frames) -> list[Ellipsoids]:
     return found
 
 
-def _footprints(film: Frames, flying: "EscortAircraft | Scouts", rows: slice) -> Lines:
+def _footprints(film: Frames, flying: Flying, rows: slice) -> Lines:
     """Edges of the fields of view on mean sea level."""
     place = film["place"][:, rows]
     axis = np.einsum("fvij,fvj->fvi", film["R"], film["axis"])

@@ -1,24 +1,39 @@
 """Measurements of an escort: arrival of the boats, errors after it, sightings and news of the vessel."""
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Self
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
 from rl.judge import COLLISION_LOSS, COMMON, Episodes, ErrorJudge, errors_of, median_of, over_time, rms_of
-from rl.mission import Step
-from rl.missions.escort.aircraft import EscortAircraft
 from rl.missions.escort.config import EscortScenario
+from rl.missions.escort.parts import Parts
+from rl.missions.escort.tracking import SharedTracking
+from rl.step import Step
 
-if TYPE_CHECKING:
-    from rl.missions.escort.mission import Escort
+
+class Escorted(Parts, Protocol):
+    """What the judge reads of a mission."""
+
+    tracking: SharedTracking
+
+    @property
+    def teams(self) -> Mapping[str, Any]:
+        """Boats and aircraft by name."""
+        ...
+
+    @property
+    def boats(self) -> object | None:
+        """The boats, if they take part."""
+        ...
+
 
 SEEN_SHARE = 0.9  # success of aircraft: least share of the time after the first sighting with the vessel in view
 
 
-class EscortJudge(ErrorJudge["Escort", EscortScenario]):
+class EscortJudge(ErrorJudge[Escorted, EscortScenario]):
     """Measures boats (time of arrival, errors after it), aircraft (view of the vessel, gaps on the circle), and both
     teams (age of their estimate of the vessel, energy).
     """
@@ -51,7 +66,7 @@ class EscortJudge(ErrorJudge["Escort", EscortScenario]):
     plotted = ("mean_time_to_arrive_s", "leader_error_rms_m", "follower_error_rms_m", "in_camera",
                "collision_free_episodes", "success_rate")  # fmt: skip
 
-    def __init__(self, mission: "Escort", team: str):
+    def __init__(self, mission: Escorted, team: str):
         """Measure `team`."""
         super().__init__(mission, team)
         envs, vehicles = self.collided.shape
@@ -75,7 +90,7 @@ class EscortJudge(ErrorJudge["Escort", EscortScenario]):
         if self.boats:
             ready = alive & (time >= self.arrival + config.evaluation.settle_after)
             self.errors[number - 1, ready] = team.distance.cpu().numpy()[ready]
-        elif isinstance(team, EscortAircraft):
+        else:
             sees = team.sees.any(-1).cpu().numpy()
             self.first_seen[alive & sees & np.isnan(self.first_seen)] = time
             since = alive & ~np.isnan(self.first_seen)

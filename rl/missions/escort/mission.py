@@ -12,33 +12,26 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rl.course.obstacles import RADIUS, TOP, Bodies
-from rl.guidance.controllers import controller_of
+from rl.course.obstacles import EAST, RADIUS, TOP, V_EAST, V_NORTH, Bodies
 from rl.guidance.shapes import escort_offsets
-from rl.mission import Endings, Frame, Histories, Mission, Step
-from rl.missions.escort import rewards
+from rl.mission import Frame, Histories, Mission
 from rl.missions.escort.aircraft import EscortAircraft, Scouts, aircraft_observers, scout_observers
 from rl.missions.escort.boats import EscortBoats, boat_observers
-from rl.missions.escort.circling import OrbitController, OrbitGains
 from rl.missions.escort.config import EscortScenario
 from rl.missions.escort.film import overlays_of
 from rl.missions.escort.judge import EscortJudge
-from rl.missions.escort.tracking import SharedTracking, write_objects
-from rl.missions.escort.vessel import Wanderer
+from rl.missions.escort.tracking import SharedTracking
+from rl.missions.escort.vessel import Among, Wanderer
 from rl.missions.escort.worlds import afloat, aloft, check_parts, check_slots, draw_worlds, warn_of_speeds
-from rl.perception.sightings import Sighting
-from rl.rewards import fine, paid
-from rl.team import Controller
-from taichi_sim.config.io import validate
+from rl.perception.due import Due
+from rl.perception.sightings import Object
+from rl.rewards import fine
 from taichi_sim.conventions import DOWN
 from taichi_sim.kernels import runtime
 from taichi_sim.recording.episode import Episode, Scene
-from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 
 VESSEL_TOP = 4.0  # m above the sea: aircraft pass above; assumed
 RESULT_SCALE = 8.0  # m from its slot, at which a boat's result is a half; assumed
-LINEAR = 10.0  # m from a boat's slot: beyond it a plan's cost grows linearly
-NEAR_COST, ENDED_COST = 10.0, 2e3  # of plans, m: for each m less than the berth; for an ending
 OVERVIEW = 150.0  # m about the vessel, in recordings without aircraft
 
 
@@ -50,6 +43,7 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
         bodies: moving bodies, the vessel first; traffic: the others. env_world: int64 [env].
         vessel_place, vessel_velocity: [env, 2] NED, m, m/s; the velocity is averaged (vessel.py).
         hs: [env] significant wave height, m. tracking: what boats and aircraft know (tracking.py).
+        boats, aircraft: the teams, or None. scouts: in place of the aircraft, or None.
     """
 
     STATE = (
@@ -57,7 +51,6 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
     )  # fmt: skip
 
     Config = EscortScenario
-    logged = ("error_m", "arrived", "seen", "collisions_per_hour")
     Judge = EscortJudge
 
     def make_teams(self, names: Sequence[str]) -> dict[str, EscortBoats | EscortAircraft]:
@@ -94,10 +87,15 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
         self.arrived = torch.zeros(self.num_envs, dtype=torch.bool, device=run.device)
         self.tracking = self._shared_tracking(names)
         aircraft = config.escort.aircraft
+        seen_by = config.parts.get(aircraft)
+        self._on_waves = seen_by is not None and seen_by.camera.surface == "waves"  # else at mean sea level
         scouted = aircraft in config.teams and aircraft not in names
         self.scouts = Scouts(self, aircraft, self.tracking) if scouted else None
-        kinds = {config.escort.boats: EscortBoats}
-        return {name: kinds.get(name, EscortAircraft)(self, name, self.tracking) for name in names}
+        boats = config.escort.boats
+        self.boats = EscortBoats(self, boats, self.tracking) if boats in names else None
+        self.aircraft = EscortAircraft(self, aircraft, self.tracking) if aircraft in names else None
+        made = {boats: self.boats, aircraft: self.aircraft}
+        return {name: team for name in names if (team := made[name]) is not None}
 
     def _shared_tracking(self, names: Sequence[str]) -> SharedTracking:
         """The tracking of all observers: boats, then aircraft or the scouts in their place."""
@@ -107,74 +105,68 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
         if parts.aircraft in self.config.teams:
             observers = aircraft_observers if parts.aircraft in names else scout_observers
             groups[parts.aircraft] = observers(self, parts.aircraft, sum(g.count for g in groups.values()))
-        return SharedTracking(self, groups, self.bodies.table.shape[2] + self.obstacles.shape[1])
+        return SharedTracking(self.config, groups, self.bodies.table.shape[2] + self.obstacles.shape[1])
 
     def prepare(self) -> None:
         """Give the vessel its obstacles and boats."""
-        self._script.attach(self)
+        boats = None if self.boats is None else self.boats.fleet
+        self._script.attach(Among(self.obstacles, self.env_world, self.traffic, boats, self.steps))
 
     # -- one step --------------------------------------------------------------------------------------------------
 
-    def measure(self) -> None:
-        """Move traffic; measure errors, look, exchange messages, update what all know."""
+    def move(self, due: Due) -> None:
+        """Move traffic."""
         self.traffic.move(self.config.decision_interval, self.world.current.velocity)
-        self._look(self.num_envs)
 
-    def measure_again(self, envs: Tensor) -> None:
-        """Measure after `begin` has placed all."""
-        self._look(len(envs), envs)
-
-    def _look(self, rows: int, envs: Tensor | None = None) -> None:
-        which = self.which
-        write_objects(self, self._vessel)
-        for team in self.teams.values():
-            team.measure(which, rows)
+    def truth(self, due: Due) -> None:
+        """Write down where all is; then measure the teams, and who has arrived."""
+        self._place_vessel()
+        super().truth(due)
         if self.scouts:
-            self.scouts.measure(which)
-        if envs is not None:
-            self.tracking.begin(envs, self._cue[envs])
-        for member in (*self.teams.values(), *((self.scouts,) if self.scouts else ())):
-            member.look(which, rows)
-        self.tracking.update(which, rows)
-        for team in self.teams.values():
-            team.conclude(which, rows)
+            self.scouts.truth(due)
         if self.boats is not None:
             to = self.boats.fleet.position_n[:, 0, :2] - self.vessel_place
             here = to.norm(dim=-1) < self.config.escort.arrival
-            self.arrived = torch.where(which == 2, here, self.arrived | here)
+            self.arrived = torch.where(due.begins, here, self.arrived | here)
+
+    def _place_vessel(self) -> None:
+        """Write the vessel's place into bodies and objects, and what boats track."""
+        place, table = self.vessel_place, self.bodies.table
+        place.copy_(self._vessel.position_n[:, 0, :2])
+        table[:, : EAST + 1, 0], table[:, V_NORTH : V_EAST + 1, 0] = place, self._vessel.velocity_n[:, 0, :2]
+        if self.traffic.present:
+            table[..., 1:] = self.traffic.table
+        self.tracking.place_objects(table, self.obstacles[self.env_world])
+        if self._on_waves:
+            objects = self.tracking.objects
+            inside = objects[..., Object.NORTH].abs() < self.config.area  # obstacles that a world has not are far away
+            objects[..., Object.DOWN] = torch.where(inside, -self.elevation(objects[..., :2]), 0.0)
+        if self.boats is not None:
+            self.boats.follow(place, self.vessel_velocity)
+
+    def sense(self, due: Due) -> None:
+        """Read instruments; where an episode begins, tell all where the vessel was; then look."""
+        for team in self.teams.values():
+            team.own.read(due)
+        begun = due.begins.nonzero().flatten()
+        if len(begun):
+            self.tracking.begin(begun, self._cue[begun])
+        for observers in (*self.teams.values(), *((self.scouts,) if self.scouts else ())):
+            observers.look(due)
+
+    def exchange(self, due: Due) -> None:
+        """All observers have one radio."""
+        self.tracking.exchange(due)
+
+    def conclude(self, due: Due) -> None:
+        """Update the charts of all observers; then what the teams know."""
+        self.tracking.conclude(due)
+        super().conclude(due)
 
     def elevation(self, points: Tensor) -> Tensor:
         """Elevation of the sea (m, up) now at points [env, n, 2]."""
         north, east = points.unbind(-1)
         return self.world.elevation(self._all, north.contiguous(), east.contiguous())
-
-    def observe(self, team: EscortBoats | EscortAircraft) -> dict[str, Tensor]:
-        """Observations of boats.py and aircraft.py."""
-        return team.terms()
-
-    def reward(self, team: EscortBoats | EscortAircraft, ended: Endings) -> Tensor:
-        """Rewards of rewards.py."""
-        if isinstance(team, EscortBoats):
-            return paid(rewards.BOAT_TERMS, team.section.boat_reward, team, ended)
-        return paid(rewards.AIRCRAFT_TERMS, team.section.aircraft_reward, team, ended)
-
-    def plan_cost(self, team: EscortBoats | EscortAircraft, ended: Tensor) -> Tensor:
-        """Cost of boats: distance from the slot, squared where it is small, plus NEAR_COST and ENDED_COST."""
-        if not isinstance(team, EscortBoats):
-            return super().plan_cost(team, ended)
-        far, near = team.distance, (team.section.plan.berth - team.sensor.gap).clamp(min=0.0)
-        return far.square() / (far + LINEAR) + NEAR_COST * near + ENDED_COST * ended
-
-    def endings(self, team: EscortBoats | EscortAircraft) -> dict[str, Tensor]:
-        """Contact with an obstacle, the vessel or a team mate; out of the area."""
-        place = team.fleet.position_n[..., :2]
-        return {"collided": team.sensor.gap < 0.0, "left": place.abs().amax(-1) > self.config.area / 2}
-
-    @property
-    def boats(self) -> EscortBoats | None:
-        """The team of boats (boats.py), or None."""
-        team = self.teams.get(self.config.escort.boats)
-        return team if isinstance(team, EscortBoats) else None
 
     def boats_result(self) -> Tensor:
         """Mean of 1 / (1 + (d / RESULT_SCALE)^2) over the boats, d from the slot, m: [env]; 0 without boats."""
@@ -194,15 +186,15 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
         noise = torch.randn((n, 2), generator=self.generator).to(self.hs)
         before = config.escort.cue_age * speed.unsqueeze(-1) * torch.stack((course.cos(), course.sin()), dim=-1)
         self._cue[envs] = config.escort.cue_error * noise - before.to(noise)
-        boats, aircraft = self.boats, self.flying
+        boats, aircraft = self.boats, self.aircraft
         if boats is not None:
             place, heading = self.worlds.place[worlds], self.worlds.heading[worlds]
-            self.world.place(boats.name, envs, afloat(boats, place, heading, self.generator))
+            self.world.place(boats.name, envs, afloat(boats.fleet, place, heading, self.generator))
         over = self.worlds.aloft[worlds]
-        if isinstance(aircraft, Scouts):
-            aircraft.begin(envs, over)
+        if self.scouts is not None:
+            self.scouts.begin(envs, over)
         elif aircraft is not None:
-            self.world.place(aircraft.name, envs, aloft(aircraft, over, self.generator))
+            self.world.place(aircraft.name, envs, aloft(aircraft.fleet, aircraft.down, over, self.generator))
 
     @classmethod
     def one_each(cls, config: EscortScenario, episodes: int) -> EscortScenario:
@@ -214,28 +206,12 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
         """Begin environment e on world e and sea e."""
         self.reset(seas=self._all % self.world.sea.num_seas, worlds=self._all)
 
-    # -- logs, recordings, controllers -----------------------------------------------------------------------------
-
-    def log(self, team: EscortBoats | EscortAircraft, step: Step) -> dict[str, Tensor]:
-        """Errors now; shares of episodes in which the leader has arrived, and a camera has the vessel; collisions."""
-        hours = team.distance.numel() * self.config.decision_interval / 3600
-        sees = self.tracking.sightings[..., 0, Sighting.VARIANCE] > 0
-        return {
-            "error_m": team.distance.mean(),
-            "arrived": self.arrived.float().mean(),
-            "seen": sees.any(-1).float().mean(),
-            "collisions_per_hour": step.endings[team.name]["collided"].sum() / hours,
-        }
-
-    def info(self, team: EscortBoats | EscortAircraft) -> dict[str, Tensor]:
-        """distance: m, from the slot, of boats; from the circle, of aircraft."""
-        return {"distance": team.distance}
+    # -- recordings ---------------------------------------------------------------------------------------------------
 
     @property
     def flying(self) -> EscortAircraft | Scouts | None:
         """The aircraft, or the scouts in their place; None without either."""
-        team = self.teams.get(self.config.escort.aircraft)
-        return team if isinstance(team, EscortAircraft) else self.scouts
+        return self.aircraft or self.scouts
 
     def frame(self, env: int) -> Frame:
         """Errors of all teams, slots of boats; observations, messages and estimates of the vessel (film.py)."""
@@ -244,7 +220,7 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
             slot = self.boats.now.slot[env].clone()
             slot[:, DOWN] = 0.0
             rows[self.boats.name]["slot_n"] = slot
-        return Frame(rows, overlays_of(self, env))
+        return Frame(rows, overlays_of(self, self.tracking, self.flying, env))
 
     def scene(self, env: int) -> Scene:
         """The obstacles inside the area."""
@@ -263,21 +239,6 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
         from rl.missions.escort.figures import write_escort_figures  # matplotlib takes a second
 
         write_escort_figures(out, histories, episode, config)
-
-    def controller(self, team: EscortBoats | EscortAircraft) -> Controller | None:
-        """The vehicle's own controller; else for boats that of formations, for aircraft that of circling.py, if any.
-
-        Raises:
-            ConfigError: for unknown gains.
-        """
-        own, model = super().controller(team), team.fleet.model
-        gains, key = dict(team.section.control), f"{team.name}.control"
-        if own is not None:
-            return own
-        if isinstance(team, EscortAircraft):
-            flies = isinstance(model, FixedWing6DOF)
-            return OrbitController(model, validate(OrbitGains, gains, key)) if flies else None
-        return controller_of(model, gains, key)
 
 
 MISSION = Escort

@@ -1,17 +1,15 @@
 """Rewards: weights, one function for each term, and the terms of each team. Every term is [env, vehicle]."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from torch import Tensor
 
-from rl.mission import Endings
+from rl.perception.sensors import Sensor
 from rl.rewards import action_rate, clearance, coarse, fine, penalty
+from rl.step import Endings
 from taichi_sim.config import NonNegative, Positive, Strict
-
-if TYPE_CHECKING:
-    from rl.missions.escort.aircraft import EscortAircraft
-    from rl.missions.escort.boats import EscortBoats
+from taichi_sim.fleet import Fleet
 
 
 class EscortBoatReward(Strict):
@@ -51,7 +49,45 @@ def closing(before: Tensor, now: Tensor, interval: float) -> Tensor:
     return (before - now) / interval
 
 
-BOAT_TERMS: dict[str, Callable[["EscortBoats", Endings, EscortBoatReward], Tensor]] = {
+class Rewarded(Protocol):
+    """What terms of both teams read; tensors are [env, vehicle, ...]."""
+
+    fleet: Fleet
+    action: Tensor
+    previous_action: Tensor
+    sensor: Sensor
+
+    @property
+    def distance(self) -> Tensor:
+        """Distance from the slot or the circle, m."""
+        ...
+
+
+class RewardedBoats(Rewarded, Protocol):
+    """What the boats' terms read, too."""
+
+    before: Tensor  # the distance a decision ago, m
+    interval: float  # of a decision, s
+
+
+class RewardedAircraft(Rewarded, Protocol):
+    """What the aircraft's terms read, too."""
+
+    in_range: Tensor
+    gap_error: Tensor
+
+    @property
+    def sees(self) -> Tensor:
+        """Whether each camera saw the vessel."""
+        ...
+
+    @property
+    def boats_result(self) -> Tensor:
+        """How near the boats are to their slots, [env]."""
+        ...
+
+
+BOAT_TERMS: dict[str, Callable[[RewardedBoats, Endings, EscortBoatReward], Tensor]] = {
     "closing": lambda team, ended, w: closing(team.before, team.distance, team.interval) * (1 / w.closing_scale),
     "coarse": lambda team, ended, w: coarse(team.distance, w.coarse_scale),
     "fine": lambda team, ended, w: fine(team.distance, w.fine_scale),
@@ -61,13 +97,13 @@ BOAT_TERMS: dict[str, Callable[["EscortBoats", Endings, EscortBoatReward], Tenso
 }
 """A weight's name -> its term, of boats (boats.py), their endings, and the weights."""
 
-AIRCRAFT_TERMS: dict[str, Callable[["EscortAircraft", Endings, EscortAircraftReward], Tensor]] = {
+AIRCRAFT_TERMS: dict[str, Callable[[RewardedAircraft, Endings, EscortAircraftReward], Tensor]] = {
     "view": lambda team, ended, w: team.sees.to(team.distance.dtype),
     "any_view": lambda team, ended, w: team.sees.any(-1, keepdim=True).to(team.distance.dtype).expand_as(team.distance),
     "radio": lambda team, ended, w: team.in_range,
     "phases": lambda team, ended, w: coarse(team.gap_error, w.phase_scale),
     "circle": lambda team, ended, w: fine(team.distance, w.circle_scale),
-    "boats": lambda team, ended, w: team.mission.boats_result().unsqueeze(-1).expand_as(team.distance),
+    "boats": lambda team, ended, w: team.boats_result.unsqueeze(-1).expand_as(team.distance),
     "action_rate": lambda team, ended, w: action_rate(team.action, team.previous_action),
     "clearance": lambda team, ended, w: clearance(team.sensor.gap, w.clearance_range),
     "ending": lambda team, ended, w: penalty(ended.any),

@@ -14,7 +14,7 @@ of pitch b, the radius after s seconds is r = sqrt(b U s / pi), and the angle is
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import taichi as ti
 import torch
@@ -25,15 +25,13 @@ from rl.course.obstacles import Cylinder
 from rl.guidance.geometry import COS, COURSE, EAST, NORTH, SIN, SPEED, TARGET_SIZE, course_of
 from rl.missions.escort.config import EscortScenario
 from rl.perception.chart import AGE, P_PP, P_PV, P_VV, V_EAST, V_NORTH, Chart, width_of
+from rl.perception.due import NOT_DUE, Due
 from rl.perception.radio import Message, Radio
 from rl.perception.sightings import UNSEEN, Object, Sighting
-from taichi_sim.fleet import Fleet, Views
+from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
-
-if TYPE_CHECKING:
-    from rl.missions.escort.mission import Escort
 
 SLOWEST = 0.3  # m/s: the course of a slower vessel is not updated
 CUE_SPEED = 1.5  # m/s, standard deviation of the vessel's velocity at first, each way; assumed
@@ -55,7 +53,7 @@ SearchPack = ti.types.argpack(tracks=array4, said=array3, searches=array2, numbe
 def _estimate(out: EstimatesPack, by: SearchPack, which: whole1, serial: ti.template()):
     ti.loop_config(serialize=serial)
     for e, o in ti.ndrange(by.tracks.shape[0], by.tracks.shape[1]):
-        if which[e] != 0:
+        if which[e] != NOT_DUE:
             lost, dt = by.numbers[0], by.numbers[1]
             place = ti.Vector([by.tracks[e, o, 0, a] for a in ti.static(range(2))])
             north, east = by.tracks[e, o, 0, V_NORTH], by.tracks[e, o, 0, V_EAST]
@@ -121,9 +119,9 @@ class SharedTracking:
         "objects", "sightings", "place", "radio", "chart", "targets", "age", "sigma", "_course", "_searching",
     )  # fmt: skip
 
-    def __init__(self, mission: "Escort", groups: Mapping[str, ObserverGroup], objects: int):
+    def __init__(self, config: EscortScenario, groups: Mapping[str, ObserverGroup], objects: int):
         """Track `objects` objects by the observers in `groups`, team -> group, in order and not empty."""
-        config, self._mission = mission.config, mission
+        self._config = config
         state = next(iter(groups.values())).own.state
         envs, observers = state.shape[0], sum(g.count for g in groups.values())
         self.groups, self.objects = groups, state.new_zeros((envs, objects, Object.SIZE))
@@ -159,9 +157,16 @@ class SharedTracking:
         )  # fmt: skip
         self._launch = runtime.Launcher(_estimate)
 
+    def place_objects(self, table: Tensor, stands: Tensor) -> None:
+        """Write where bodies are now, `table` [env, 8, body], and obstacles `stands` [env, n, 4], at mean sea level."""
+        n = table.shape[2]
+        for column, row in COPIED:
+            self.objects[:, :n, column] = table[:, row]
+        self.objects[:, n:, :2], self.objects[:, n:, Object.RADIUS] = stands[..., :2], stands[..., Cylinder.RADIUS]
+
     def begin(self, envs: Tensor, cue: Tensor) -> None:
         """Begin episodes in environments `envs` [n]: all observers know the place `cue` [n, 2] (m) of the vessel."""
-        config = self._mission.config.escort
+        config = self._config.escort
         self.chart.begin(envs)
         track = self.chart.tracks[envs]
         track[..., 0, :2] = cue.unsqueeze(1).to(track)
@@ -174,26 +179,20 @@ class SharedTracking:
         self._course[envs] = course_of(cue.unsqueeze(1).to(here) - here)
         self.targets[envs, :, NORTH : EAST + 1] = cue.unsqueeze(1).to(here)
 
-    def update(self, which: Tensor, rows: int) -> None:
-        """Exchange messages, and update charts and estimates; call after all observers have looked.
-
-        `which` [env] int32: 0 not at all, 1 after a step, 2 at the beginning of an episode; `rows` of its entries are
-        not 0.
-        """
-        mission = self._mission
+    def exchange(self, due: Due) -> None:
+        """Send sightings, and receive those of others."""
         groups = self.groups.values()
         torch.cat([g.true.position_n for g in groups], dim=1, out=self.place)
         own = [torch.cat((g.own.position_n, g.own.velocity_n), dim=-1) for g in groups]
         self.radio.said[..., : Message.SIZE] = torch.cat(own, dim=1)
-        self.chart.say(which, rows)
-        self.radio.talk(which, rows, mission.steps, mission.noise.table)
-        self.chart.keep(which, rows)
-        self._conclude(which, rows)
+        self.chart.say(due)
+        self.radio.talk(due)
 
-    def _conclude(self, which: Tensor, rows: int) -> None:
-        """Update each observer's estimate of the vessel's place and course."""
-        serial = runtime.few(rows * self.age.shape[1], ESTIMATE)
-        self._launch(self._estimates(), self._search(), which, serial)
+    def conclude(self, due: Due) -> None:
+        """Update all charts, and each observer's estimate of the vessel's place and course."""
+        self.chart.keep(due)
+        serial = runtime.few(due.count * self.age.shape[1], ESTIMATE)
+        self._launch(self._estimates(), self._search(), due.which, serial)
 
     def of(self, name: str, values: Tensor) -> Tensor:
         """The rows of team `name` in `values` [env, observer, ...], as a view."""
@@ -202,36 +201,3 @@ class SharedTracking:
     def sees(self, name: str) -> Tensor:
         """Whether each observer of a team sees the vessel [env, observer]."""
         return self.of(name, self.sightings)[..., 0, Sighting.VARIANCE] > 0
-
-
-def write_objects(mission: "Escort", vessel: Fleet) -> None:
-    """Write the fleet `vessel` into the vessel's place and the bodies of `mission`, and bodies and obstacles into the
-    objects of its tracking.
-    """
-    place, velocity = mission.vessel_place, vessel.velocity_n[:, 0, :2]
-    place.copy_(vessel.position_n[:, 0, :2])
-    table = mission.bodies.table
-    table[:, : bodies.EAST + 1, 0], table[:, bodies.V_NORTH : bodies.V_EAST + 1, 0] = place, velocity
-    if mission.traffic.present:
-        table[..., 1:] = mission.traffic.table
-    objects = mission.tracking.objects
-    n = table.shape[2]
-    for column, row in COPIED:
-        objects[:, :n, column] = table[:, row]
-    stands = mission.obstacles[mission.env_world]
-    objects[:, n:, :2], objects[:, n:, Object.RADIUS] = stands[..., :2], stands[..., Cylinder.RADIUS]
-    if _on_waves(mission.config):
-        inside = objects[..., Object.NORTH].abs() < mission.config.area  # obstacles that a world has not are far away
-        objects[..., Object.DOWN] = torch.where(inside, -mission.elevation(objects[..., :2]), 0.0)
-    boats = mission.boats
-    if boats is not None:
-        (north, east), speed = place.unbind(-1), mission.vessel_velocity.norm(dim=-1)
-        course = course_of(mission.vessel_velocity)
-        target = (north, east, 0 * speed, course, course.cos(), course.sin(), 0 * speed, speed)
-        boats.target.table[:, 0] = torch.stack(target, dim=-1)
-
-
-def _on_waves(config: EscortScenario) -> bool:
-    """Whether cameras see objects at the height of the waves, not of the mean sea level."""
-    part = config.parts.get(config.escort.aircraft)
-    return part is not None and part.camera.surface == "waves"

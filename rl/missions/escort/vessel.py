@@ -7,11 +7,12 @@ demands.
 """
 
 import math
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
+from rl.course.obstacles import Bodies
 from rl.guidance.avoidance import Avoider
 from rl.guidance.controllers import controller_of
 from rl.guidance.controllers.vessel import CourseCommand, Hull6DofController, Manoeuvring3dofController
@@ -20,19 +21,25 @@ from rl.guidance.geometry import TARGET_SIZE as TARGET
 from rl.missions.escort.config import EscortScenario
 from rl.perception.sensors import Mate, Nearby, Sensor
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import QUATERNION, STATE_SIZE, SURGE
-from taichi_sim.kernels.rotation import torch_quaternion_from_euler
+from taichi_sim.fleet import Fleet
+from taichi_sim.kernels.rotation import level_states
 from taichi_sim.script import Script
-
-if TYPE_CHECKING:
-    from rl.missions.escort.boats import EscortBoats
-    from rl.missions.escort.mission import Escort
-    from taichi_sim.world import World
+from taichi_sim.world import World
 
 EDGE = 0.4  # of the area's side: further out it turns back
 SEEN, BOATS = 3, 2  # nearest obstacles and boats that it avoids
 REACH = 40.0  # m, detection range
 SMOOTH = 5.0  # s, time constant of the averaged velocity, whose direction is the course; assumed
+
+
+class Among(NamedTuple):
+    """What the vessel sails among."""
+
+    obstacles: Tensor  # [world, n, 4] as sensors take them
+    env_world: Tensor  # int64 [env]
+    traffic: Bodies
+    boats: Fleet | None
+    steps: Tensor  # int64 [env], decisions since the episode began
 
 
 class Wanderer(Script):
@@ -52,7 +59,7 @@ class Wanderer(Script):
     axes = 2
     radio = None
 
-    def __init__(self, world: "World", name: str):
+    def __init__(self, world: World, name: str):
         """Command team `name`, of vessels whose classical controller follows velocity commands."""
         super().__init__(world, name)
         if not isinstance(world.config, EscortScenario):
@@ -88,16 +95,16 @@ class Wanderer(Script):
         self._plan = state.new_zeros((envs, changes, 3))  # of each change: time (s), course (rad), speed (m/s)
         self._steered, self._course = state.new_zeros(envs), state.new_zeros(envs)
         self._speed, self.velocity = state.new_zeros(envs), state.new_zeros((envs, 2))
-        self._mission: Escort | None = None
+        self._among: Among | None = None
 
-    def attach(self, mission: "Escort") -> None:
-        """Sail among the obstacles and boats of `mission`, which is made after the world and its scripts."""
-        self._mission = mission
+    def attach(self, among: "Among") -> None:
+        """Sail among what a mission holds, which is made after the world and its scripts."""
+        self._among = among
 
     @property
     def steps(self) -> Tensor:
         """int64 [env], decisions since the episode began."""
-        return self._next if self._mission is None else self._mission.steps
+        return self._next if self._among is None else self._among.steps
 
     def start(self, envs: Tensor, course: Tensor, speed: Tensor, generator: torch.Generator) -> Tensor:
         """Begin episodes in environments `envs` [n] on `course` [n] (rad) at `speed` [n] (m/s).
@@ -116,10 +123,8 @@ class Wanderer(Script):
         self._steered[envs] = self._course[envs] = course
         self._speed[envs] = speed
         self.velocity[envs] = speed.unsqueeze(-1) * torch.stack((course.cos(), course.sin()), dim=-1)
-        state = self._plan.new_zeros((n, self.fleet.count, STATE_SIZE))
-        level = torch.zeros_like(course)
-        state[..., QUATERNION] = torch_quaternion_from_euler(level, level, course).unsqueeze(1)
-        state[..., SURGE] = speed.unsqueeze(-1)
+        still = self._plan.new_zeros((n, self.fleet.count, 2))
+        state = level_states(still, course.unsqueeze(-1).expand(-1, self.fleet.count), speed.unsqueeze(-1))
         if self.fleet.count > 1:  # further vessels of the team follow in line, without escort
             state[..., 1:, :2] = (
                 -20.0
@@ -128,7 +133,7 @@ class Wanderer(Script):
             )
         return state
 
-    def __call__(self, world: "World") -> Tensor:
+    def __call__(self, world: World) -> Tensor:
         """Actions for this decision."""
         way, dt = self.config.course, self.config.decision_interval
         self._time += dt
@@ -148,23 +153,22 @@ class Wanderer(Script):
         self._steered = self._steered + wrap(course - self._steered).clamp(-most, most)
         heading = torch.stack((self._steered.cos(), self._steered.sin()), dim=-1)
         wanted = (speed.unsqueeze(-1) * heading).unsqueeze(1).expand(-1, self.fleet.count, -1).contiguous()
-        if self._mission is not None:
-            self._sensor.look(self._mission.obstacles, self._mission.env_world, bodies=self._mission.traffic)
-            self._see_boats(self._mission.boats)
+        if self._among is not None:
+            self._sensor.look(self._among.obstacles, self._among.env_world, bodies=self._among.traffic)
+            self._see_boats(self._among.boats)
             self.now.slot_velocity[..., :2] = wanted
             wanted = self._avoid(self, wanted)
         share = dt / (SMOOTH + dt)
         self.velocity += share * (self.fleet.velocity_n[:, 0, :2] - self.velocity)
         return self.controller.act(self, CourseCommand(wanted, torch.zeros_like(wanted)))
 
-    def _see_boats(self, team: "EscortBoats | None") -> None:
+    def _see_boats(self, boats: Fleet | None) -> None:
         """Write the nearest boats as mates."""
         mates = self.sensor.team_mates
         mates.zero_()
         mates[..., Mate.DISTANCE], mates[..., Mate.NUMBER] = REACH, -1.0
-        if team is None:
+        if boats is None:
             return
-        boats = team.fleet
         to = boats.position_n[:, None, :, :2] - self.fleet.position_n[:, :, None, :2]
         far, which = to.norm(dim=-1).topk(min(BOATS, boats.count), dim=-1, largest=False)
         k = far.shape[-1]
@@ -178,10 +182,10 @@ class Wanderer(Script):
 
     def _run(self, place: Tensor, course: Tensor, speed: Tensor) -> tuple[Tensor, Tensor]:
         """Flee from the nearest boat within range at top speed."""
-        boats = self._mission.boats if self._mission is not None else None
+        boats = self._among.boats if self._among is not None else None
         if boats is None:
             return course, speed
-        away = place.unsqueeze(1) - boats.fleet.position_n[..., :2]
+        away = place.unsqueeze(1) - boats.position_n[..., :2]
         near, which = away.norm(dim=-1).min(dim=-1)
         least = away.gather(1, which.view(-1, 1, 1).expand(-1, 1, 2)).squeeze(1)
         hunted = near < self.config.course.evasive_range

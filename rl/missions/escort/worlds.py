@@ -11,7 +11,7 @@ cannot do their part. Frame: NED, m from the centre.
 import math
 import warnings
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -20,13 +20,8 @@ from rl.course.obstacles import AWAY, CROSSING_ANGLE, NORTH, ROWS, Cylinder
 from rl.guidance.geometry import strongest_wind
 from rl.missions.escort.config import ROOM, EscortScenario
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import DOWN, QUATERNION, STATE_SIZE, SURGE
 from taichi_sim.fleet import Fleet
-from taichi_sim.kernels.rotation import torch_quaternion_from_euler
-
-if TYPE_CHECKING:
-    from rl.missions.escort.aircraft import EscortAircraft
-    from rl.missions.escort.boats import EscortBoats
+from taichi_sim.kernels.rotation import level_states
 
 PASSAGE = 12.0  # m between the surfaces of two obstacles; assumed
 TRIES = 30  # draws of an obstacle before it is left out
@@ -175,34 +170,22 @@ def _moving(config, taken, middle, bearing, far, near, uniform) -> Tensor:
     return found
 
 
-def afloat(team: "EscortBoats", place: Tensor, heading: Tensor, generator: torch.Generator) -> Tensor:
+def afloat(boats: Fleet, place: Tensor, heading: Tensor, generator: torch.Generator) -> Tensor:
     """Boats at `place` [env, boat, 2] (m) with `heading` [env, boat] (rad), at one speed in each environment."""
-    heading = heading.to(team.fleet.state)
-    state = _level(team, heading)
-    state[..., :2] = place.to(state)
     low, high = BOAT_SPEED
-    state[..., SURGE] = low + (high - low) * torch.rand((len(state), 1), generator=generator).to(state)
-    return state
+    speed = low + (high - low) * torch.rand((len(place), 1), generator=generator).to(boats.state)
+    return level_states(place.to(boats.state), heading.to(boats.state), speed)
 
 
-def aloft(team: "EscortAircraft", over: Tensor, generator: torch.Generator) -> Tensor:
-    """Aircraft in steady flight over `over` [env, 2] (m), side by side at different heights, with a random heading."""
-    count = team.fleet.count
-    heading = (2 * math.pi * torch.rand((len(over), 1), generator=generator)).to(team.fleet.state).expand(-1, count)
-    state = _level(team, heading)
-    rank = (torch.arange(count, device=state.device) - (count - 1) / 2) * APART
+def aloft(aircraft: Fleet, down: Tensor, over: Tensor, generator: torch.Generator) -> Tensor:
+    """Aircraft in steady flight over `over` [env, 2], side by side at `down` [aircraft], m, with a random heading."""
+    count, like = aircraft.count, aircraft.state
+    heading = (2 * math.pi * torch.rand((len(over), 1), generator=generator)).to(like).expand(-1, count)
+    rank = (torch.arange(count, device=like.device) - (count - 1) / 2) * APART
     side = torch.stack((-heading.sin(), heading.cos()), dim=-1)
-    state[..., :2] = over.unsqueeze(1).to(state) + rank.view(1, -1, 1) * side
-    state[..., DOWN] = team.down
-    state[..., SURGE] = team.fleet.model.limits.speeds[1]
-    return state
-
-
-def _level(team: "EscortBoats | EscortAircraft", heading: Tensor) -> Tensor:
-    """States [env, vehicle, 13] at the origin, level and at rest, with `heading` [env, vehicle] (rad)."""
-    state = team.fleet.state.new_zeros((*heading.shape, STATE_SIZE))
-    state[..., QUATERNION] = torch_quaternion_from_euler(0 * heading, 0 * heading, heading)
-    return state
+    place = over.unsqueeze(1).to(like) + rank.view(1, -1, 1) * side
+    place = torch.cat((place, down.view(1, -1, 1).expand(len(over), -1, 1)), dim=-1)
+    return level_states(place, heading, aircraft.model.limits.speeds[1])
 
 
 def check_parts(config: EscortScenario, fleets: Mapping[str, Fleet]) -> None:

@@ -1,8 +1,8 @@
 """Measurements of a formation: errors after the start has settled, gaps, collisions, success."""
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Self
+from collections.abc import Mapping, Sequence
+from typing import Protocol, Self
 
 import numpy as np
 import torch
@@ -11,14 +11,21 @@ from torch import Tensor
 
 from rl.course.obstacles import BOTTOM, EAST, NORTH, RADIUS, TOP
 from rl.judge import COLLISION_LOSS, COMMON, Episodes, ErrorJudge, errors_of, median_of, over_time, rms_of
-from rl.mission import Step
 from rl.missions.formation.config import FormationScenario
+from rl.missions.formation.team import Course, TeamTask
+from rl.step import Step
 
-if TYPE_CHECKING:
-    from rl.missions.formation.mission import Formation, TeamTask
+
+class Sailed(Course, Protocol):
+    """What the judge reads of a mission."""
+
+    @property
+    def teams(self) -> Mapping[str, TeamTask]:
+        """Name -> team."""
+        ...
 
 
-class FormationJudge(ErrorJudge["Formation", FormationScenario]):
+class FormationJudge(ErrorJudge[Sailed, FormationScenario]):
     """Measures errors, evasions, and `gap` [env], the team's least clearance (m) so far; inf before any."""
 
     definitions = {
@@ -37,7 +44,7 @@ class FormationJudge(ErrorJudge["Formation", FormationScenario]):
     }
     plotted = ("leader_error_rms_m", "follower_error_rms_m", "collision_free_episodes", "success_rate")
 
-    def __init__(self, mission: "Formation", team: str):
+    def __init__(self, mission: Sailed, team: str):
         """Measure `team`."""
         super().__init__(mission, team)
         self.gap = np.full(len(self.failed), np.inf)
@@ -124,7 +131,7 @@ class FormationJudge(ErrorJudge["Formation", FormationScenario]):
         )
 
 
-def slot_clearance(mission: "Formation", team: "TeamTask") -> Tensor:
+def slot_clearance(mission: Course, team: TeamTask) -> Tensor:
     """Clearance (m) [env, vehicle] of each vehicle, if it were in its slot, to the side of the nearest obstacle.
 
     Obstacles that it would pass above or below do not count.

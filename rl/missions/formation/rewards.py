@@ -5,18 +5,18 @@
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 import torch
 from torch import Tensor
 
-from rl.mission import Endings
+from rl.guidance.geometry import SlotErrors, Target
+from rl.perception.sensors import Sensor
 from rl.rewards import action_rate, clearance, coarse, fine, paid, penalty
+from rl.step import Endings
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.conventions import EAST, NORTH
-
-if TYPE_CHECKING:
-    from rl.missions.formation.mission import TeamTask
+from taichi_sim.fleet import Fleet
 
 
 class TrackingReward(Strict):
@@ -57,7 +57,29 @@ def squared(d: Tensor, limit: float) -> Tensor:
     return -d.clamp(max=limit).square()
 
 
-TERMS: dict[str, Callable[["TeamTask", Endings, TrackingReward], Tensor]] = {
+class Keeper(Protocol):
+    """What rewards read of a team (team.py); tensors are [env, vehicle, ...]."""
+
+    axes: int
+    section: Any
+    fleet: Fleet
+    action: Tensor
+    previous_action: Tensor
+    sensor: Sensor
+    target: Target
+
+    @property
+    def now(self) -> SlotErrors:
+        """Errors from the slots."""
+        ...
+
+    @property
+    def distance(self) -> Tensor:
+        """Distance from the slot, m."""
+        ...
+
+
+TERMS: dict[str, Callable[[Keeper, Endings, TrackingReward], Tensor]] = {
     "coarse": lambda team, ended, w: coarse(team.distance, w.coarse_scale),
     "fine": lambda team, ended, w: fine(team.distance, w.fine_scale),
     "approach": lambda team, ended, w: -team.distance,
@@ -69,12 +91,12 @@ TERMS: dict[str, Callable[["TeamTask", Endings, TrackingReward], Tensor]] = {
 """Terms of `reward = "tracking"`: name of the weight -> function of a team, its endings, and the weights."""
 
 
-def tracking(team: "TeamTask", ended: Endings) -> Tensor:
+def tracking(team: Keeper, ended: Endings) -> Tensor:
     """`reward = "tracking"`: the weighted sum of `TERMS`."""
     return paid(TERMS, team.section.tracking_reward, team, ended)
 
 
-def paper(team: "TeamTask", ended: Endings) -> Tensor:
+def paper(team: Keeper, ended: Endings) -> Tensor:
     """`reward = "paper"`: eqs (10) and (11), and the penalty of a collision."""
     d, derived = team.distance, team.fleet.derived
     forward = derived[..., 0:9:3][..., : team.axes]  # the nose, in n

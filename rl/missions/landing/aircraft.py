@@ -7,10 +7,13 @@ import torch
 from torch import Tensor
 
 from rl.guidance.observations import squashed
-from rl.missions.landing.deck import LAGS, DeckMotion, KnownDeck, Marker, into_level
+from rl.missions.landing import rewards
+from rl.missions.landing.deck import LAGS, DeckMotion, KnownDeck, Look, Marker, into_level
 from rl.missions.landing.pilots import Pilot, corrected
+from rl.perception.due import Due
 from rl.perception.instruments import Readings
-from rl.team import Team
+from rl.rewards import paid
+from rl.team import COLLIDED, Endings, Team
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import BELOW, DOWN
 from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
@@ -52,10 +55,12 @@ class Aircraft(Team):
     """
 
     STATE = (
-        "own", "known_deck", "offset", "height", "distance", "to_go", "before", "tilt", "touched", "touching",
+        "own", "_known_deck", "offset", "height", "distance", "to_go", "before", "tilt", "touched", "touching",
         "settled", "settling", "touch_error", "touch_tilt", "touch_speed", "stood", "drifted", "aborts", "time",
         "bearing", "turns", "landed", "over", "failed", "_anchor", "_low",
     )  # fmt: skip
+
+    logged = ("landed", "failed", "touch_error_m", "touch_speed")
 
     def __init__(self, mission: Any, name: str):
         """Prepare team `name`.
@@ -78,8 +83,9 @@ class Aircraft(Team):
         sensors = self.section.sensors
         self.own = Readings(self.fleet, sensors, self.interval, 64 * number)
         tilted = sensors.errors * math.radians(sensors.imu.attitude_noise_deg)
+        self._look: Look | None = None
         self.marker = Marker(self.section.marker, self.own, tilted, 64 * number)
-        self.known_deck = KnownDeck(state, self.interval)
+        self._known_deck = KnownDeck(state, self.interval)
         self.soles_below = float(model.soles(self.fleet)[..., BELOW].max())
         self._soles = state.new_tensor(model.legs.points)[:, :2]
         shape = state.shape[:2]
@@ -97,6 +103,12 @@ class Aircraft(Team):
         names = () if self.alone else (*FAILED, *model.ending_names)
         self.failed = {failing: torch.zeros_like(self.over) for failing in names}
         self._wanted: Tensor | None = None
+
+    @property
+    def known_deck(self) -> KnownDeck:
+        """What each aircraft knows of its deck."""
+        self.mission.perceive()
+        return self._known_deck
 
     @property
     def deck(self) -> DeckMotion:
@@ -122,10 +134,14 @@ class Aircraft(Team):
 
     # -- flying ----------------------------------------------------------------------------------------------------
 
+    def make_controller(self) -> Pilot:
+        """The pilot of `[TEAM.pilot]`."""
+        return Pilot(self.section.pilot, self.fleet.state, self.interval)
+
     @property
     def pilot(self) -> Pilot:
         """The classical pilot."""
-        return self.controller  # pyright: ignore[reportReturnType] (the mission makes it)
+        return self.controller  # pyright: ignore[reportReturnType] (made above)
 
     @property
     def _in_use(self) -> Any:
@@ -139,6 +155,7 @@ class Aircraft(Team):
     @property
     def wanted(self) -> Tensor:
         """Velocity [env, aircraft, 3] (NED, m/s) that the pilot wants now."""
+        self.mission.perceive()
         if self._wanted is None:
             self._wanted = self.pilot.wanted(self)
         return self._wanted
@@ -271,12 +288,10 @@ class Aircraft(Team):
 
     # -- measuring -------------------------------------------------------------------------------------------------
 
-    def measure(self, which: Tensor, count: int) -> None:
-        """Update truth and instrument readings in the `count` environments where `which` [env] int32 is not 0."""
-        self._wanted = None
-        mission, deck = self.mission, self.deck
-        self.own.read(which, count, mission.noise.table)
-        fresh, on = (which == 2).unsqueeze(-1), (which == 1).unsqueeze(-1)
+    def truth(self, due: Due) -> None:
+        """Measure where each aircraft is over its deck, how it touches, and whose turn it is."""
+        self._wanted, deck = None, self.deck
+        fresh, on = due.begins.unsqueeze(-1), due.goes_on.unsqueeze(-1)
         away = self.fleet.position_n - deck.place
         self.offset = (deck.R.mT @ away.unsqueeze(-1)).squeeze(-1)
         self.height = -self.offset[..., BELOW] - self.soles_below
@@ -316,13 +331,17 @@ class Aircraft(Team):
         self._low = low & ~up
         self.time = torch.where(fresh, 0.0, self.time + dt * (on & ~self.touched))
 
-    def conclude(self, which: Tensor, count: int, heard: Tensor) -> None:
-        """Look at the markers, and update the known decks by that and by the messages `heard` [env, aircraft, n]."""
-        mission, deck = self.mission, self.deck
-        look = self.marker.look(
-            self.fleet, deck.place - self.fleet.position_n, deck.down, mission.hs, which, count, mission.noise.table
-        )
-        self.known_deck.measure(which, self.own, look, heard)
+    def sense(self, due: Due) -> None:
+        """Read the instruments, and look at the markers."""
+        deck = self.deck
+        self.own.read(due)
+        self._look = self.marker.look(self.fleet, deck.place - self.fleet.position_n, deck.down, self.mission.hs, due)
+
+    def conclude(self, due: Due) -> None:
+        """Update the known decks by the looks and by the messages of the boats."""
+        assert self._look is not None
+        self._wanted = None
+        self._known_deck.measure(due, self.own, self._look, self.mission.heard)
 
     @property
     def known_height(self) -> Tensor:
@@ -371,7 +390,46 @@ class Aircraft(Team):
 
     # -- learning --------------------------------------------------------------------------------------------------
 
-    def terms(self) -> dict[str, Tensor]:
+    def reward(self, ended: Endings) -> Tensor:
+        """See rewards.py."""
+        return paid(rewards.AIRCRAFT_TERMS, self.section.aircraft_reward, self, ended)
+
+    def plan_cost(self, ended: Tensor) -> Tensor:
+        """Minus the reward, in which a landing differs from other endings."""
+        ends = {name: flag & ended for name, flag in self.endings().items()}
+        return -self.reward(Endings(ends | {COLLIDED: ended}))
+
+    def endings(self) -> dict[str, Tensor]:
+        """Landed, or the way in which it failed to."""
+        ends = self.ends()
+        late = (self.steps >= self.mission.config.episode_steps).unsqueeze(-1) & ~ends["landed"]
+        return ends | {"late": late}
+
+    def ended(self) -> Endings:
+        """All endings; an aircraft that has landed on a shared deck has no other."""
+        ended = super().ended()
+        if self.alone:
+            return ended
+        return Endings({name: flag if name == "landed" else flag & ~self.landed for name, flag in ended.items()})
+
+    def log(self, ended: Endings) -> dict[str, Tensor]:
+        """Shares of aircraft whose episodes ended in this step by a landing and by a failure, and this step's
+        touchdowns.
+        """
+        landed, over = ended["landed"].float().sum(), ended.any.float().sum()
+        touches = self.touching.float().sum().clamp(min=1.0)
+        return {
+            "landed": landed / self.distance.numel(),
+            "failed": (over - landed) / self.distance.numel(),
+            "touch_error_m": torch.where(self.touching, self.touch_error, 0.0).sum() / touches,
+            "touch_speed": torch.where(self.touching, self.touch_speed, 0.0).sum() / touches,
+        }
+
+    def info(self) -> dict[str, Tensor]:
+        """Height above the deck, and distance from the deck's middle, m."""
+        return {"height": self.height, "distance": self.distance}
+
+    def observe(self) -> dict[str, Tensor]:
         """Observation terms of each aircraft, in the level frame of its deck."""
         known, own, mission = self.known_deck, self.own, self.mission
         heading = known.heading

@@ -18,10 +18,12 @@ from rl.guidance.controllers import controller_of
 from rl.guidance.controllers.vessel import CourseCommand
 from rl.guidance.geometry import TARGET_SIZE, Target, wrap
 from rl.guidance.observations import squashed
-from rl.mission import ControllerError
+from rl.missions.landing import rewards
 from rl.missions.landing.deck import DeckMotion, deck_motion, into_level
+from rl.perception.due import Due
 from rl.perception.instruments import Readings
-from rl.team import Team
+from rl.rewards import paid
+from rl.team import Controller, ControllerError, Endings, Team
 from taichi_sim.conventions import AHEAD, DOWN, STARBOARD
 from taichi_sim.kernels.rotation import torch_euler_from_rotation
 from taichi_sim.script import Script
@@ -47,6 +49,8 @@ class Boats(Team):
     STATE = (
         "own", "ordered", "aim", "steered", "chosen", "chosen_before", "mean", "acceleration", "_before", "_squares",
     )  # fmt: skip
+
+    logged = ("landed",)
 
     def __init__(self, mission: Any, name: str):
         """Prepare team `name`.
@@ -119,6 +123,7 @@ class Boats(Team):
 
     def held(self) -> Tensor:
         """The vessels' actions that hold the ordered course and speed."""
+        self.mission.perceive()
         return self.commanded(torch.zeros_like(self.chosen))
 
     def begin(self, envs: Tensor, course: Tensor, speed: Tensor) -> None:
@@ -128,9 +133,6 @@ class Boats(Team):
 
     def restored(self) -> None:
         """Compute the motion of the decks again after a snapshot was restored."""
-        self._look()
-
-    def _look(self) -> None:
         self.deck, self.seen = deck_motion(self.fleet, self.centre), deck_motion(self.own, self.centre)
 
     @property
@@ -140,27 +142,30 @@ class Boats(Team):
 
     # -- measuring -------------------------------------------------------------------------------------------------
 
-    def measure(self, which: Tensor, count: int) -> None:
-        """Update the truth and the measurements in the `count` environments where `which` [env] int32 is not 0."""
-        mission, dt = self.mission, self.interval
-        fresh, on = (which == 2).view(-1, 1, 1), (which == 1).view(-1, 1, 1)
-        self.own.read(which, count, mission.noise.table)
-        self._look()
-        v, a = self.seen.velocity, self.acceleration
+    def truth(self, due: Due) -> None:
+        """Measure the decks, and turn on towards the course that is sailed for."""
+        dt, fresh, on = self.interval, due.begins.view(-1, 1, 1), due.goes_on.view(-1, 1, 1)
+        self.deck = deck_motion(self.fleet, self.centre)
+        mean = self.mean + dt / (SMOOTH + dt) * (self.deck.velocity - self.mean)
+        self.mean = torch.where(on, mean, torch.where(fresh, self.deck.velocity, self.mean))
+        self.chosen = torch.where(fresh, 0.0, self.chosen)
+        self.chosen_before = torch.where(fresh, 0.0, self.chosen_before)
+        most = math.radians(self.mission.config.course.turn_rate_deg) * dt
+        turn = wrap(self.aim[..., COURSE] - self.steered).clamp(-most, most)
+        self.steered = torch.where(on.squeeze(-1), self.steered + turn, self.steered)
+
+    def sense(self, due: Due) -> None:
+        """Read the instruments, and follow how much the deck moves by them."""
+        dt, fresh, on = self.interval, due.begins.view(-1, 1, 1), due.goes_on.view(-1, 1, 1)
+        self.own.read(due)
+        self.seen = deck_motion(self.own, self.centre)
+        v, a, R = self.seen.velocity, self.acceleration, self.seen.R
         a = a + dt / (QUICK + dt) * ((v - self._before) / dt - a)
         self.acceleration = torch.where(on, a, torch.where(fresh, 0.0, self.acceleration))
         self._before = v.clone()
-        mean = self.mean + dt / (SMOOTH + dt) * (self.deck.velocity - self.mean)
-        self.mean = torch.where(on, mean, torch.where(fresh, self.deck.velocity, self.mean))
-        R = self.seen.R
         moves = torch.stack((v[..., DOWN], R[..., DOWN, STARBOARD], R[..., DOWN, AHEAD]), dim=-1)
         squares = self._squares + dt / (REMEMBERED + dt) * (moves.square() - self._squares)
         self._squares = torch.where(on, squares, torch.where(fresh, moves.square(), self._squares))
-        self.chosen = torch.where(fresh, 0.0, self.chosen)
-        self.chosen_before = torch.where(fresh, 0.0, self.chosen_before)
-        most = math.radians(mission.config.course.turn_rate_deg) * dt
-        turn = wrap(self.aim[..., COURSE] - self.steered).clamp(-most, most)
-        self.steered = torch.where(on.squeeze(-1), self.steered + turn, self.steered)
 
     def message(self) -> Tensor:
         """What each boat sends about its deck and itself, [env, boat, MESSAGE]."""
@@ -169,7 +174,19 @@ class Boats(Team):
 
     # -- learning --------------------------------------------------------------------------------------------------
 
-    def terms(self) -> dict[str, Tensor]:
+    def reward(self, ended: Endings) -> Tensor:
+        """See rewards.py."""
+        return paid(rewards.BOAT_TERMS, self.section.boat_reward, self, ended)
+
+    def log(self, ended: Endings) -> dict[str, Tensor]:
+        """Share of boats whose aircraft landed in this step."""
+        return {"landed": self.served.float().mean()}
+
+    def make_controller(self) -> Controller:
+        """The boats hold their course."""
+        return Hold()
+
+    def observe(self) -> dict[str, Tensor]:
         """Observation terms of each boat."""
         own, R = self.own, self.seen.R
         level = into_level(self.seen.velocity, own.heading)

@@ -33,6 +33,7 @@ import torch
 from torch import Tensor
 
 from rl.missions.landing.config import MarkerConfig
+from rl.perception.due import NOT_DUE, Due
 from taichi_sim.conventions import BELOW, HEADING, PITCH, ROLL
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
@@ -97,12 +98,12 @@ def out_of_level(vector: Tensor, heading: tuple[Tensor, Tensor]) -> Tensor:
 
 
 @ti.kernel
-def _draw(out: array3, which: whole1, count: whole1, vehicles: ti.template(), serial: ti.template()):
+def _draw(out: array3, which: whole1, draws: whole1, vehicles: ti.template(), serial: ti.template()):
     ti.loop_config(serialize=serial)
     for e, i in ti.ndrange(out.shape[0], out.shape[1]):
-        if which[e] != 0:
-            u = uniform4(count[1], CAMERA, count[2 + e], vehicles + i, count[0])
-            z = normal6(count[1], CAMERA + 1, count[2 + e], vehicles + i, count[0])
+        if which[e] != NOT_DUE:
+            u = uniform4(draws[1], CAMERA, draws[2 + e], vehicles + i, draws[0])
+            z = normal6(draws[1], CAMERA + 1, draws[2 + e], vehicles + i, draws[0])
             out[e, i, 0] = u[0]
             for k in ti.static(range(6)):
                 out[e, i, 1 + k] = z[k]
@@ -129,14 +130,13 @@ class Marker:
         self._drawn = own.state.new_zeros((*own.state.shape[:2], DRAWN))
         self._launch = runtime.Launcher(_draw)
 
-    def look(self, true: Views, to: Tensor, down: Tensor, hs: Tensor, which: Tensor, rows: int, count: Tensor) -> Look:
+    def look(self, true: Views, to: Tensor, down: Tensor, hs: Tensor, due: Due) -> Look:
         """Look from aircraft with the `true` state at markers `to` [env, aircraft, 3] (m, NED) away.
 
-        down: [env, aircraft, 3] normals of the decks, into them. hs: [env] significant wave height, m. which, rows,
-        count: as in instruments.py.
+        down: [env, aircraft, 3] normals of the decks, into them. hs: [env] significant wave height, m.
         """
         c = self.config
-        self._launch(self._drawn, which, count, self._vehicles, runtime.few(rows * to.shape[1], DRAW))
+        self._launch(self._drawn, due.which, due.draws, self._vehicles, runtime.few(due.count * to.shape[1], DRAW))
         chance, across_error, along_error, _ = self._drawn.split((1, 3, 1, 2), dim=-1)
         r = to.norm(dim=-1).clamp(min=1e-3)
         line = to / r.unsqueeze(-1)
@@ -185,8 +185,8 @@ class KnownDeck:
         self._begun = like.new_tensor((FROM_RADIO, V_TOLD, BEGUN)).square().diag()
         self._covariance = self._begun.expand(*like.shape[:2], 3, 3).clone()  # of d, v and a
 
-    def measure(self, which: Tensor, own: Any, look: Look, heard: Tensor) -> None:
-        """Update the filter in environments `which` [env] int32 (0: not at all, 1: after a step, 2: an episode begins).
+    def measure(self, due: Due, own: Any, look: Look, heard: Tensor) -> None:
+        """Update the filter in the environments that are `due`.
 
         own: the aircraft as it measures itself. heard: [env, aircraft, MESSAGE + 1] its boat's last message (boats.py),
         and its age.
@@ -197,7 +197,7 @@ class KnownDeck:
         lead = age.clamp(max=OLDEST).unsqueeze(-1)
         by_radio = place + lead * velocity + 0.5 * lead.square() * acceleration - own.position_n
         v_radio = velocity + lead * acceleration
-        on, fresh = (which == 1).unsqueeze(-1), (which == 2).unsqueeze(-1)
+        on, fresh = due.goes_on.unsqueeze(-1), due.begins.unsqueeze(-1)
         # predicted
         mean = self.mean
         x = self._step @ torch.stack((self.to, self.velocity - mean, self.acceleration), dim=-2)

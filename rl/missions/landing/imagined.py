@@ -22,9 +22,10 @@ from rl.missions.landing.aircraft import Aircraft
 from rl.missions.landing.boats import Boats
 from rl.missions.landing.config import LandingScenario
 from rl.perception.contacts import SensorsConfig
+from rl.perception.due import Due
 from rl.perception.radio import RadioConfig
 from taichi_sim.config import SeaConfig
-from taichi_sim.conventions import ANGULAR_VELOCITY, BELOW, HEADING, STATE_SIZE
+from taichi_sim.conventions import ANGULAR_VELOCITY, BELOW, DOWN, HEADING, STATE_SIZE
 from taichi_sim.forecast import Autoregression
 from taichi_sim.kernels.rotation import torch_euler_from_rotation, torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.script import Script
@@ -104,8 +105,18 @@ class Adrift(Script):
 class ImaginedAircraft(Aircraft):
     """Aircraft that know their decks exactly."""
 
-    def conclude(self, which: Tensor, count: int, heard: Tensor | None = None) -> None:
+    def endings(self) -> dict[str, Tensor]:
+        """Add `submerged`: soles are below the waterline of its boat."""
+        waterline = self.mission.boats.fleet.position_n[:, self.boat_of, DOWN]
+        return super().endings() | {"submerged": self.fleet.position_n[..., DOWN] + self.soles_below > waterline}
+
+    def sense(self, due: Due) -> None:
+        """Read the instruments."""
+        self.own.read(due)
+
+    def conclude(self, due: Due) -> None:
         """Set the aircraft's knowledge of the deck to the predicted motion."""
+        self._wanted = None
         known, deck = self.known_deck, self.deck
         rows = self.mission.foreseen(0)[:, self.boat_of]
         known.to, known.velocity = deck.place - self.fleet.position_n, deck.velocity

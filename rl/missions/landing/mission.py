@@ -15,17 +15,15 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from rl.mission import COLLIDED, Endings, Frame, Histories, Mission, Step
-from rl.missions.landing import rewards
+from rl.mission import Frame, Histories, Mission
 from rl.missions.landing.aircraft import Aircraft
-from rl.missions.landing.boats import MESSAGE, Boats, Helm, Hold
+from rl.missions.landing.boats import MESSAGE, Boats, Helm
 from rl.missions.landing.config import LandingConfig, LandingScenario
 from rl.missions.landing.film import overlays_of
 from rl.missions.landing.imagined import RAISED, Adrift, Foreseen, Foresight, ImaginedAircraft, imagined_scenario
 from rl.missions.landing.judge import LandingJudge
-from rl.missions.landing.pilots import Pilot
+from rl.perception.due import Due
 from rl.perception.radio import Radio
-from rl.rewards import paid
 from taichi_sim.config import ConfigError
 from taichi_sim.contact.contacts import Contacts, soles_in_deck
 from taichi_sim.conventions import BELOW, DOWN, EAST, NORTH, POSITION, QUATERNION, STATE_SIZE, SURGE, VELOCITY
@@ -108,7 +106,6 @@ class Landing(Mission):
     STATE = ("boats", "hs", "radio")
 
     Config = LandingScenario
-    logged = ("landed", "failed", "touch_error_m", "touch_speed")
     Judge = LandingJudge
     config: LandingScenario
 
@@ -169,59 +166,34 @@ class Landing(Mission):
 
     # -- one step --------------------------------------------------------------------------------------------------
 
-    def measure(self) -> None:
-        """Measure boats and aircraft, exchange messages, and update what the aircraft know."""
-        self._look(self.num_envs)
+    def truth(self, due: Due) -> None:
+        """Measure the boats, whether they take part or not; then the aircraft."""
+        self.boats.truth(due)
+        if self.aircraft is not None:
+            self.aircraft.truth(due)
+            boats = self.boats.fleet.count
+            self.boats.served = self.aircraft.ends()["landed"].unflatten(1, (-1, boats)).any(1)
 
-    def measure_again(self, envs: Tensor) -> None:
-        """Measure after `begin` has placed boats and aircraft."""
-        self._look(len(envs))
+    def sense(self, due: Due) -> None:
+        """Boats read their instruments, whether they take part or not; aircraft look at their decks, too."""
+        self.boats.sense(due)
+        if self.aircraft is not None:
+            self.aircraft.sense(due)
 
-    def _look(self, rows: int) -> None:
-        which, boats, aircraft = self.which, self.boats, self.aircraft
-        boats.measure(which, rows)
-        count = boats.fleet.count
-        self._place[:, :count] = boats.fleet.position_n
-        self.radio.said[:, :count] = boats.message()
-        if aircraft is not None:
-            aircraft.measure(which, rows)
-            self._place[:, count:] = aircraft.fleet.position_n
-            self.radio.said[:, count:, :3] = aircraft.own.position_n
-            self.radio.said[:, count:, 3:6] = aircraft.own.velocity_n
-        self.radio.talk(which, rows, self.steps, self.noise.table)
-        if aircraft is not None:
-            aircraft.conclude(which, rows, self.radio.heard[:, count + self._own, aircraft.boat_of])
-            boats.served = aircraft.ends()["landed"].unflatten(1, (-1, count)).any(1)
+    def exchange(self, due: Due) -> None:
+        """All have one radio."""
+        count, place, said = self.boats.fleet.count, self._place, self.radio.said
+        place[:, :count], said[:, :count] = self.boats.fleet.position_n, self.boats.message()
+        if self.aircraft is not None:
+            place[:, count:] = self.aircraft.fleet.position_n
+            said[:, count:, :3], said[:, count:, 3:6] = self.aircraft.own.position_n, self.aircraft.own.velocity_n
+        self.radio.talk(due)
 
-    def observe(self, team: Any) -> dict[str, Tensor]:
-        """See boats.py and aircraft.py."""
-        return team.terms()
-
-    def reward(self, team: Any, ended: Endings) -> Tensor:
-        """See rewards.py."""
-        if isinstance(team, Boats):
-            return paid(rewards.BOAT_TERMS, team.section.boat_reward, team, ended)
-        return paid(rewards.AIRCRAFT_TERMS, team.section.aircraft_reward, team, ended)
-
-    def plan_cost(self, team: Any, ended: Tensor) -> Tensor:
-        """Minus the reward, in which a landing differs from other endings."""
-        ends = {} if isinstance(team, Boats) else self.endings(team)
-        return -self.reward(team, Endings({name: flag & ended for name, flag in ends.items()} | {COLLIDED: ended}))
-
-    def endings(self, team: Any) -> dict[str, Tensor]:
-        """Endings of aircraft: landed, or the way in which they failed to."""
-        if isinstance(team, Boats):
-            return {}
-        ends = team.ends()
-        late = (self.steps >= self.config.episode_steps).unsqueeze(-1) & ~ends["landed"]
-        return ends | {"late": late}
-
-    def _ended(self, team: Any) -> Endings:
-        """Drop all other endings of an aircraft that has landed on a shared deck."""
-        ended = super()._ended(team)
-        if isinstance(team, Boats) or team.alone:
-            return ended
-        return Endings({name: flag if name == "landed" else flag & ~team.landed for name, flag in ended.items()})
+    @property
+    def heard(self) -> Tensor:
+        """Last message of each aircraft's boat and its age, [env, aircraft, MESSAGE + 1]."""
+        assert self.aircraft is not None
+        return self.radio.heard[:, self.boats.fleet.count + self._own, self.aircraft.boat_of]
 
     # -- episodes --------------------------------------------------------------------------------------------------
 
@@ -241,33 +213,6 @@ class Landing(Mission):
 
     # -- what others ask -------------------------------------------------------------------------------------------
 
-    def log(self, team: Any, step: Step) -> dict[str, Tensor]:
-        """Shares of aircraft whose episodes ended in this step by a landing and by a failure, and this step's
-        touchdowns.
-        """
-        if isinstance(team, Boats):
-            zero = torch.zeros((), device=self.hs.device)
-            return {"landed": team.served.float().mean(), "failed": zero, "touch_error_m": zero, "touch_speed": zero}
-        ended = step.endings[team.name]
-        landed, over = ended["landed"].float().sum(), ended.any.float().sum()
-        touches = team.touching.float().sum().clamp(min=1.0)
-        return {
-            "landed": landed / team.distance.numel(),
-            "failed": (over - landed) / team.distance.numel(),
-            "touch_error_m": torch.where(team.touching, team.touch_error, 0.0).sum() / touches,
-            "touch_speed": torch.where(team.touching, team.touch_speed, 0.0).sum() / touches,
-        }
-
-    def info(self, team: Any) -> dict[str, Tensor]:
-        """Height of each aircraft above its deck, and distance from the deck's middle, m."""
-        return {} if isinstance(team, Boats) else {"height": team.height, "distance": team.distance}
-
-    def controller(self, team: Any) -> Any:
-        """The classical controller: boats hold their course, aircraft have the pilot of `[TEAM.pilot]`."""
-        if isinstance(team, Boats):
-            return Hold()
-        return Pilot(team.section.pilot, team.fleet.state, self.config.decision_interval)
-
     def imagined(self, team: Any) -> "Mission | None":
         """Make an `ImaginedLanding` for aircraft; None for boats."""
         if isinstance(team, Boats):
@@ -282,7 +227,7 @@ class Landing(Mission):
         deck, sight lines).
         """
         flying = {} if self.aircraft is None else {self.aircraft.name: {"error_m": self.aircraft.distance[env]}}
-        return Frame(flying, overlays_of(self, env))
+        return Frame(flying, overlays_of(self.boats, self.aircraft, env))
 
     def scene(self, env: int) -> Scene:
         """The surroundings of the first boat."""
@@ -341,11 +286,19 @@ class ImaginedLanding(Landing):
             row = torch.cat((row[..., POSITION] + gone, row[..., 3:]), dim=-1)
         return row
 
-    def _look(self, rows: int) -> None:
-        self.boats._look()
-        assert isinstance(self.aircraft, ImaginedAircraft)
-        self.aircraft.measure(self.which, rows)
-        self.aircraft.conclude(self.which, rows)
+    def truth(self, due: Due) -> None:
+        """Put the decks where they are foreseen; then measure the aircraft."""
+        self.boats.restored()
+        assert self.aircraft is not None
+        self.aircraft.truth(due)
+
+    def sense(self, due: Due) -> None:
+        """Aircraft read their instruments."""
+        assert self.aircraft is not None
+        self.aircraft.sense(due)
+
+    def exchange(self, due: Due) -> None:
+        """There are no messages."""
 
     def begin(self, envs: Tensor) -> None:
         """Place boats and aircraft until `believe` moves them; no episode begins in the model."""
@@ -353,12 +306,6 @@ class ImaginedLanding(Landing):
         self.way[envs] = 0.0
         self.way[envs, :, :, :STATE_SIZE] = self.boats.fleet.state[envs].unsqueeze(2)
         self.since[envs] = 0
-
-    def endings(self, team: Any) -> dict[str, Tensor]:
-        """Add `submerged`: an aircraft's soles are below the waterline of its boat."""
-        waterline = self.boats.fleet.position_n[:, team.boat_of, DOWN]
-        low = team.fleet.position_n[..., DOWN] + team.soles_below > waterline
-        return super().endings(team) | {"submerged": low}
 
     def notice(self, team: Aircraft) -> None:
         """Learn from what `team` knows of decks and wind; call once a decision."""
@@ -388,8 +335,7 @@ class ImaginedLanding(Landing):
         self._clear(team)
         transfer(team.pilot, mine.pilot)
         mine.pilot.height -= RAISED
-        self.which.fill_(2)
-        self._look(self.num_envs)
+        self.measure_anew()
         mine.touched, mine.settled = team.touches | team.touched, team.settled.clone()
         for name in ("time", "aborts", "turns", "landed", "over", "bearing"):
             setattr(mine, name, getattr(team, name).clone())

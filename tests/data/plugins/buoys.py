@@ -5,8 +5,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from rl.mission import Endings, Mission, Step, Team
+from rl.mission import Mission
 from rl.scenario import Scenario
+from rl.team import Endings, Team
 from taichi_sim.config import Positive
 from taichi_sim.conventions import POSITION, QUATERNION, STATE_SIZE
 from taichi_sim.fleet import Fleet
@@ -30,11 +31,34 @@ class BuoysScenario(Scenario):
     blind: bool = False
 
 
-class Buoys(Mission):
-    """Every vehicle of every team is to reach one buoy."""
+class Seeker(Team):
+    """Every vehicle is to reach one buoy."""
 
-    Config = BuoysScenario
     logged = ("distance",)
+
+    def offset(self) -> Tensor:
+        """From each vehicle to the buoy, in distances of it."""
+        far = self.mission.config.buoy_distance
+        return (self.fleet.state.new_tensor([far, 0.0]) - self.fleet.position_n[..., :2]) / far
+
+    def observe(self) -> dict[str, Tensor]:
+        """Where the buoy is, the heading, and unless `blind` the own velocity."""
+        seen = {"buoy": self.offset(), "heading": torch.stack(self.fleet.heading, dim=-1)}
+        return seen if self.mission.config.blind else seen | {"velocity": self.fleet.velocity_b / 10.0}
+
+    def reward(self, ended: Endings) -> Tensor:
+        """Minus the distance."""
+        return -self.offset().norm(dim=-1)
+
+    def log(self, ended: Endings) -> dict[str, Tensor]:
+        """The mean distance, m."""
+        return {"distance": self.offset().norm(dim=-1).mean() * self.mission.config.buoy_distance}
+
+
+class Buoys(Mission):
+    """Teams begin side by side."""
+
+    Config, Team = BuoysScenario, Seeker
 
     def begin(self, envs: Tensor, **where: Any) -> None:
         """Teams side by side, all in one row."""
@@ -42,24 +66,6 @@ class Buoys(Mission):
         for name, team in self.teams.items():
             self.world.place(name, envs, row(team.fleet, len(envs), east))
             east += APART * team.fleet.count
-
-    def _offset(self, team: Team) -> Tensor:
-        buoy = team.fleet.state.new_tensor([self.config.buoy_distance, 0.0])
-        return (buoy - team.fleet.position_n[..., :2]) / self.config.buoy_distance
-
-    def observe(self, team: Team) -> dict[str, Tensor]:
-        """Where the buoy is, the heading, and unless `blind` the own velocity."""
-        fleet = team.fleet
-        seen = {"buoy": self._offset(team), "heading": torch.stack(fleet.heading, dim=-1)}
-        return seen if self.config.blind else seen | {"velocity": fleet.velocity_b / 10.0}
-
-    def reward(self, team: Team, ended: Endings) -> Tensor:
-        """Minus the distance."""
-        return -self._offset(team).norm(dim=-1)
-
-    def log(self, team: Team, step: Step) -> dict[str, Tensor]:
-        """The mean distance, m."""
-        return {"distance": self._offset(team).norm(dim=-1).mean() * self.config.buoy_distance}
 
 
 class Ferry(Script):

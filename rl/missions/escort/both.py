@@ -1,0 +1,56 @@
+"""Endings and logs that boats and aircraft of the escort have in common."""
+
+from typing import Protocol
+
+from torch import Tensor
+
+from rl.missions.escort.config import EscortScenario
+from rl.missions.escort.tracking import SharedTracking
+from rl.perception.sensors import Sensor
+from rl.perception.sightings import Sighting
+from rl.step import Endings
+from taichi_sim.fleet import Fleet
+
+LOGGED = ("error_m", "arrived", "seen", "collisions_per_hour")
+
+
+class Observing(Protocol):
+    """What these functions read of a team."""
+
+    @property
+    def fleet(self) -> Fleet:
+        """The vehicles."""
+        ...
+
+    @property
+    def distance(self) -> Tensor:
+        """[env, vehicle] from where each should be, m."""
+        ...
+
+    @property
+    def sensor(self) -> Sensor:
+        """Gaps to all around."""
+        ...
+
+    @property
+    def tracking(self) -> SharedTracking:
+        """The tracking of all observers."""
+        ...
+
+
+def endings_of(team: Observing, config: EscortScenario) -> dict[str, Tensor]:
+    """Contact with an obstacle, the vessel or a team mate; out of the area; bool [env, vehicle] each."""
+    place = team.fleet.position_n[..., :2]
+    return {"collided": team.sensor.gap < 0.0, "left": place.abs().amax(-1) > config.area / 2}
+
+
+def log_of(team: Observing, ended: Endings, arrived: Tensor, config: EscortScenario) -> dict[str, Tensor]:
+    """Errors now, shares of episodes that have `arrived` (bool [env]) and whose vessel somebody saw, collisions."""
+    hours = team.distance.numel() * config.decision_interval / 3600
+    sees = team.tracking.sightings[..., 0, Sighting.VARIANCE] > 0
+    return {
+        "error_m": team.distance.mean(),
+        "arrived": arrived.float().mean(),
+        "seen": sees.any(-1).float().mean(),
+        "collisions_per_hour": ended["collided"].sum() / hours,
+    }
