@@ -12,10 +12,8 @@ from typing import Any as _Any
 import gymnasium as _gymnasium
 
 from taichi_sim.commands.bundle import find_rl as _find_rl
-from taichi_sim.commands.moved import put_up as _put_up
 
 _find_rl()
-_put_up()
 # Taichi prints a banner on import; a library does not.
 _os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 # OpenMP threads of torch spin while they wait for each other. On a machine that does anything else at the same time

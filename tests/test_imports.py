@@ -18,7 +18,6 @@ LAYERS = (
         "taichi_sim.kernels",
         "taichi_sim.plotting",
         "taichi_sim.commands.bundle",
-        "taichi_sim.commands.moved",
         "taichi_sim.forecast",
         "taichi_sim.state",
     ),
