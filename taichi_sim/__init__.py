@@ -3,17 +3,10 @@
 `import taichi_sim as ts` gives the names below; each is imported at its first use.
 """
 
-import ast as _ast
 import importlib as _importlib
 import os as _os
-from pathlib import Path as _Path
 from typing import Any as _Any
 
-import gymnasium as _gymnasium
-
-from taichi_sim.commands.bundle import find_rl as _find_rl
-
-_find_rl()
 # Taichi prints a banner on import; a library does not.
 _os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 # OpenMP threads of torch spin while they wait for each other. On a machine that does anything else at the same time
@@ -23,34 +16,30 @@ _os.environ.setdefault("GOMP_SPINCOUNT", "30000")
 
 __version__ = "0.1.0"
 
-# Only names are registered: Gymnasium imports the adapters when an environment is made.
-for _scenario, _team, _other in (
-    ("paper", "usv", "absent"),
-    ("paper", "uav", "absent"),
-    ("lanes", "usv", "absent"),
-    ("lanes", "uav", "absent"),
-    ("cruise", "usv", "absent"),
-    ("cruise", "uav", "absent"),
-    ("otter", "usv", "absent"),
-    ("aerosonde", "uav", "absent"),
-    ("escort", "usv", "absent"),  # scripted scouts replace the aircraft
-    ("escort", "uav", "classical"),  # its reward depends on what boats do with the messages
-    ("landing", "uav", "absent"),  # a helm holds the boat's course
-):
-    _name = f"{_team}_formation" if _scenario == "paper" else f"{_scenario}_{_team}"
-    _gymnasium.register(
-        id=f"taichi_sim/{_name.title().replace('_', '')}-v0",
-        entry_point="rl.adapters.gymnasium:TeamEnv",
-        vector_entry_point="rl.adapters.gymnasium:TeamVectorEnv",
-        kwargs={"team": _team, "scenario": _scenario, "other": _other},
-    )
-
-# The stub lists the names, also those of rl: none of their modules is imported before its first use.
-_STUB = _ast.parse(_Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
-_HOME = {
-    alias.name: node.module for node in _STUB.body if isinstance(node, _ast.ImportFrom) and node.module
-    for alias in node.names
-}  # fmt: skip
+_NAMES = {
+    "taichi_sim.air": "Wind",
+    "taichi_sim.arguments": "ActionError",
+    "taichi_sim.bench": "Bench calm_sea",
+    "taichi_sim.config": (
+        "AirConfig ConfigError CurrentConfig Finite Fraction GustConfig NonNegative Positive Range SeaConfig "
+        "Strict SwellConfig TeamConfig WorldConfig"
+    ),
+    "taichi_sim.config.io": "load_world",
+    "taichi_sim.fleet": "Fleet",
+    "taichi_sim.kernels.packs": "AroundPack Build FleetPack load_at numbers_at own_numbers",
+    "taichi_sim.kernels.runtime": "ProgramError init",
+    "taichi_sim.recording": "Episode Recorder write_recording",
+    "taichi_sim.script": "Script",
+    "taichi_sim.sea": "Sea",
+    "taichi_sim.sea.current": "Current",
+    "taichi_sim.surroundings": "Surroundings",
+    "taichi_sim.uav.aircraft": "Aircraft",
+    "taichi_sim.usv.vessel": "Vessel",
+    "taichi_sim.vehicle": "Limits Vehicle",
+    "taichi_sim.vehicles": "load_vehicle shipped_vehicles",
+    "taichi_sim.world": "World replay",
+}
+_HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = sorted(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]
 
 

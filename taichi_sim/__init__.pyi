@@ -1,7 +1,5 @@
-"""What type checkers see of taichi_sim/__init__.py, and where that finds its public names."""
+"""What type checkers see of taichi_sim/__init__.py."""
 
-from rl.adapters.batched import BatchedEnv
-from rl.adapters.marl import batched_env, parallel_env
 from taichi_sim.air import Wind
 from taichi_sim.arguments import ActionError
 from taichi_sim.bench import Bench, calm_sea
@@ -38,10 +36,9 @@ from taichi_sim.world import World, replay
 
 __version__: str
 __all__ = [
-    "ActionError", "AirConfig", "Aircraft", "AroundPack", "BatchedEnv", "Bench", "Build", "ConfigError", "Current",
-    "CurrentConfig", "Episode", "Finite", "Fleet", "FleetPack", "Fraction", "GustConfig", "Limits", "NonNegative",
-    "Positive", "ProgramError", "Range", "Recorder", "Script", "Sea", "SeaConfig", "Strict", "Surroundings",
-    "SwellConfig", "TeamConfig", "Vehicle", "Vessel", "Wind", "World", "WorldConfig", "batched_env", "calm_sea", "init",
-    "load_at", "load_vehicle", "load_world", "numbers_at", "own_numbers", "parallel_env", "replay", "shipped_vehicles",
-    "write_recording",
+    "ActionError", "AirConfig", "Aircraft", "AroundPack", "Bench", "Build", "ConfigError", "Current", "CurrentConfig",
+    "Episode", "Finite", "Fleet", "FleetPack", "Fraction", "GustConfig", "Limits", "NonNegative", "Positive",
+    "ProgramError", "Range", "Recorder", "Script", "Sea", "SeaConfig", "Strict", "Surroundings", "SwellConfig",
+    "TeamConfig", "Vehicle", "Vessel", "Wind", "World", "WorldConfig", "calm_sea", "init", "load_at", "load_vehicle",
+    "load_world", "numbers_at", "own_numbers", "replay", "shipped_vehicles", "write_recording",
 ]  # fmt: skip

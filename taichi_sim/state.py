@@ -377,7 +377,7 @@ class Stateful:
         kind = type(self).__name__
         raise TypeError(
             f"a {kind} cannot be copied by `copy` or `pickle`: fork(envs) makes a {kind} of copies of its environments "
-            "(of an environment of rl: env.mission.fork, env.task.fork), snapshot() takes its state, which torch.save "
+            "(of an adapter: env.mission.fork, env.task.fork), snapshot() takes its state, which torch.save "
             "writes and restore(...) goes back to"
         )
 

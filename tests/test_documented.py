@@ -16,8 +16,8 @@ import command_line
 import pytest
 from command_line import ROOT, TIMEOUT, sets, tiny_run
 
+from rl.commands.main import SCRIPTS, STARTERS, starter_parser
 from rl.missions import load_scenario
-from taichi_sim.commands.main import SCRIPTS, STARTERS, starter_parser
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder
 

@@ -17,7 +17,6 @@ LAYERS = (
         "taichi_sim.config",
         "taichi_sim.kernels",
         "taichi_sim.plotting",
-        "taichi_sim.commands.bundle",
         "taichi_sim.forecast",
         "taichi_sim.state",
     ),
@@ -56,6 +55,7 @@ LAYERS = (
     ("rl.adapters",),
     ("rl.cli",),
     ("rl.train", "rl.evaluate", "rl.tune", "rl.play", "rl.report"),
+    ("rl.commands",),
     ("tools",),
 )
 # Within a layer these know nothing of each other.
@@ -102,7 +102,11 @@ def imports(name: str, file: Path, known: set[str]) -> Iterator[str]:
 
 
 def place(module: str) -> tuple[int, str] | None:
-    """Layer and name in LAYERS of a module; a whole package stands where its lowest module does."""
+    """Layer and name in LAYERS of a module; a whole package stands where its lowest module does.
+
+    But `rl` stands with its adapters: importing it registers the Gymnasium ids.
+    """
+    module = "rl.adapters" if module == "rl" else module
     for height, layer in enumerate(LAYERS):
         for name in layer:
             inside = module == name or module.startswith(name + ".")

@@ -9,13 +9,12 @@ ROOT = Path(__file__).resolve().parents[1]
 def test_every_package_is_listed():
     listed = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"])
     found = {
-        ("" if top == "taichi_sim" else "taichi_sim._bundle.") + ".".join(file.parent.relative_to(ROOT).parts)
+        ("rl._bundle." if top == "tools" else "") + ".".join(file.parent.relative_to(ROOT).parts)
         for top in ("taichi_sim", "rl", "tools")
         for file in (ROOT / top).rglob("__init__.py")
     }
     assert listed == found | {
-        "taichi_sim._bundle.docs",
-        "taichi_sim._bundle.tools",
+        "rl._bundle.docs",
         "taichi_sim.configs",
         "taichi_sim.configs.oracle",
         "taichi_sim.configs.sweeps",

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import torch
 
+import rl
 import taichi_sim as ts
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.runtime import ProgramError
@@ -50,7 +51,7 @@ def nowhere():
 def rolled(scenario, steps=6):
     """All that an environment gives in two episodes, and a copy of it, and a bench."""
     pools = ("sea.realisations=2",) if scenario in ("escort", "landing") else ("sea.realisations=2", "track.worlds=2")
-    env = ts.batched_env(scenario, 2, overrides=pools)
+    env = rl.BatchedEnv(scenario, 2, overrides=pools)
     found = [*env.reset(seed=3).values()]
     for step in range(steps):
         given = {t: np.full((2, n, len(env.action_names[t])), 0.3) for t, n in env.vehicles.items()}
@@ -125,6 +126,7 @@ def test_a_world_names_what_copies_it():
 
 FORK = """
 import os, sys
+import rl
 import taichi_sim as ts
 from taichi_sim.kernels.runtime import ProgramError
 
@@ -191,7 +193,7 @@ def test_gymnasiums_processes_work_if_they_are_spawned(tmp_path):
 
 def test_objects_of_another_precision_are_refused_and_nothing_moves():
     runtime.init(precision="f32", threads=1)
-    world, bench, env = boats(), ts.Bench("unity_boat"), ts.batched_env("paper", 1, teams="usv", overrides=SMALL)
+    world, bench, env = boats(), ts.Bench("unity_boat"), rl.BatchedEnv("paper", 1, teams="usv", overrides=SMALL)
     fleet, other = world.teams["usv"], boats()
     world.step(still(world))
     other.step(still(other))

@@ -4,6 +4,7 @@ import importlib
 import re
 from pathlib import Path
 
+import rl
 import taichi_sim as ts
 
 PAGES = Path(__file__).resolve().parents[1] / "docs" / "reference"
@@ -16,6 +17,13 @@ def test_every_public_name_is_on_a_page_once():
     of_root = [name.partition(".")[2] for name in public if name.count(".") == 1]
     assert [name for name in of_root if name in ts.__all__] == ts.__all__
     assert len(set(NAMED)) == len(NAMED)
+
+
+def test_every_name_of_rl_is_told_of():
+    named = {name.rpartition(".")[2] for name in NAMED if name.startswith("rl.")}
+    assert {*rl.__all__} - named == {"Endings", "Mission", "load_policy"}  # a contract's module shows the first two
+    index = (PAGES / "index.md").read_text("utf-8")
+    assert all(f"`{name}`" in index for name in rl.__all__)
 
 
 def test_the_contracts_of_missions_are_there():

@@ -19,7 +19,9 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
+if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
 from rl import cli
 from rl.missions import load_scenario
 from rl.missions.formation.config import FormationScenario

@@ -14,8 +14,6 @@ from typing import Any
 
 import numpy as np
 
-import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
-
 SHARES = ("collision_free_episodes", "success_rate")  # printed in %
 
 

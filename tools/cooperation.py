@@ -17,7 +17,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
+if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
 from tools.compare import joined
 
 POLICY, CLASSICAL, NEXT, ALONE = "policy", "classical", "of the next run", "trained alone"

@@ -23,7 +23,6 @@ from pathlib import Path
 
 import numpy as np
 
-import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
 from rl.cli import positive_float
 from taichi_sim.config import ConfigError
 from taichi_sim.config.base import MissingExtraError

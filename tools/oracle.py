@@ -9,8 +9,6 @@ import argparse
 import sys
 from pathlib import Path
 
-import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
-
 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""

@@ -21,7 +21,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
+if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
 from rl import cli
 from rl.runs import folder as run_folder
 from rl.runs import launch

@@ -29,7 +29,9 @@ from typing import Any
 import numpy as np
 import torch
 
-import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
+if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
 from rl.mission import Mission
 from taichi_sim.config import ConfigError
 from taichi_sim.config.plugins import load_class

@@ -19,7 +19,9 @@ import argparse
 import sys
 from pathlib import Path
 
-import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
+if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
 from taichi_sim.config.io import output
 from tests.validation.document import write
 from tests.validation.report import NothingToCheckError, validate

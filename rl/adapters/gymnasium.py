@@ -1,4 +1,4 @@
-"""One team of a mission as a Gymnasium environment, `taichi_sim/UsvFormation-v0` and others (taichi_sim/__init__.py).
+"""One team of a mission as a Gymnasium environment, `taichi_sim/UsvFormation-v0` and others (rl/adapters/__init__.py).
 
 One action and one observation hold all vehicles of the team; vehicle 0 is the leader:
 

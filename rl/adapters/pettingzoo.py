@@ -1,4 +1,4 @@
-"""A mission as a PettingZoo parallel environment whose agents are the vehicles (rl/adapters/marl.py makes it).
+"""A mission as a PettingZoo parallel environment whose agents are the vehicles; `parallel_env` makes it.
 
     agents       usv_0 (the leader), usv_1, ..., uav_2: all vehicles of all teams that act
     action       float32 [a], clipped to [-1, 1]; must be finite
@@ -11,7 +11,8 @@
 The episode is over for all agents at once: when its time is up or when any vehicle's episode ends.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -23,6 +24,7 @@ from rl.adapters.batched import Agents, BatchedEnv
 from rl.adapters.render import MODES, Pictures, frames_per_second
 from rl.mission import Mission
 from taichi_sim.config.base import MissingExtraError
+from taichi_sim.config.io import find_config
 
 try:
     from pettingzoo.utils.env import ParallelEnv
@@ -136,6 +138,34 @@ class ParallelMission(ParallelEnv[str, np.ndarray, np.ndarray]):
         """Infos by agent: name -> number or flag."""
         by_agent = self._vehicles.split_infos(infos).items()
         return {name: {key: value.item() for key, value in values.items()} for name, values in by_agent}
+
+
+def parallel_env(
+    scenario: str | Path = "escort",
+    *,
+    teams: str | Sequence[str] | None = None,
+    others: Mapping[str, str | Path] | None = None,
+    overrides: Iterable[str] = (),
+    seed: int | None = None,
+    render_mode: str | None = None,
+    render_size: tuple[int, int] | None = None,
+) -> ParallelMission:
+    """A scenario as a PettingZoo parallel environment in which each vehicle that acts is an agent.
+
+    Args:
+        scenario: a TOML file or the name of a shipped scenario.
+        teams, others: the teams that act and the policies of the others, as for `BatchedEnv`.
+        overrides: KEY=VALUE each.
+        seed: of the worlds; default the scenario's.
+        render_mode: None, "rgb_array" (`render` returns a picture), or "human" (a window).
+        render_size: width and height of the picture, px; default 640x480.
+
+    Raises:
+        ValueError: if the render mode or the size is not allowed.
+        ConfigError, ControllerError, RunError, CheckpointError: as for `BatchedEnv`.
+    """
+    env = BatchedEnv(scenario, 1, teams=teams, others=others, overrides=overrides, seed=seed, autoreset=False)
+    return ParallelMission(env, find_config(scenario).stem, render_mode, render_size)
 
 
 def _array(values: Tensor) -> np.ndarray:

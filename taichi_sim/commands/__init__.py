@@ -1,1 +1,1 @@
-"""The command `taichi-sim`, and those of its subcommands that need no learning."""
+"""Subcommands of `taichi-sim` that need no learning."""

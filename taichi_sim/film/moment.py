@@ -1,7 +1,7 @@
 """One moment of an episode, between two recorded steps: positions of everything and the mission's overlays.
 
 Motion is interpolated, attitudes along the shorter arc. Overlays move from the earlier step towards the later one if
-both have them. A mission that runs (rl/adapters/render.py) gives an episode of one step.
+both have them. What runs now gives an episode of one step.
 """
 
 from collections.abc import Callable

@@ -6,14 +6,14 @@ from collections.abc import Iterable
 import numpy as np
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 
-import taichi_sim as ts
+from rl.adapters.pettingzoo import parallel_env
 
 
 def pettingzoo_accepts(scenario: str, overrides: Iterable[str]) -> None:
     """Its own tests pass without a warning, and the state is in its space."""
 
     def make():
-        return ts.parallel_env(scenario, overrides=overrides)
+        return parallel_env(scenario, overrides=overrides)
 
     env = make()
     with warnings.catch_warnings():

@@ -8,7 +8,8 @@ import pytest
 import torch
 from gym_envs import IDS, SHORT, make_vec
 
-import taichi_sim as ts
+from rl.adapters.batched import BatchedEnv
+from rl.adapters.pettingzoo import parallel_env
 
 
 @pytest.fixture
@@ -62,7 +63,7 @@ def test_skrl_sees_each_vehicle():
     pytest.importorskip("skrl")
     from rl.adapters.skrl import SkrlEnv
 
-    ours, batched = (ts.batched_env("paper", 3, overrides=SHORT) for _ in range(2))
+    ours, batched = (BatchedEnv("paper", 3, overrides=SHORT) for _ in range(2))
     env = SkrlEnv(ours)
     assert env.num_envs == 3
     assert env.possible_agents == ["usv_0", "usv_1", "usv_2", "uav_0", "uav_1", "uav_2"]
@@ -82,12 +83,12 @@ def test_skrl_sees_each_vehicle():
         assert torch.equal(infos["uav_1"]["distance"], stepped[3]["uav"]["distance"][:, 1])
     assert all(value.all() for value in truncated.values())
     with pytest.raises(ValueError, match="autoreset"):
-        SkrlEnv(ts.batched_env("paper", 3, overrides=SHORT, autoreset=False))
+        SkrlEnv(BatchedEnv("paper", 3, overrides=SHORT, autoreset=False))
 
 
 def test_skrl_takes_the_environment_of_pettingzoo():
     wrappers = pytest.importorskip("skrl.envs.wrappers.torch")
-    env = wrappers.wrap_env(ts.parallel_env("paper", overrides=SHORT))
+    env = wrappers.wrap_env(parallel_env("paper", overrides=SHORT))
     observations, _ = env.reset()
     actions = {name: torch.zeros(1, *env.action_space(name).shape) for name in env.possible_agents}
     observations, rewards, *_ = env.step(actions)

@@ -12,6 +12,7 @@ from phases import due
 from refusal import assert_says
 
 import taichi_sim as ts
+from rl.adapters.batched import BatchedEnv
 from rl.evaluation.episodes import judge_episodes
 from rl.evaluation.record import record_episode
 from rl.guidance.shapes import escort_offsets
@@ -69,7 +70,7 @@ def test_the_vessel_does_the_same_whoever_escorts_it():
 @pytest.mark.slow
 def test_an_action_that_is_refused_moves_no_script_and_no_other_team():
     """Nor what classical controllers remember: everything that is saved stays as it is."""
-    env = ts.batched_env("escort", 2, teams="uav", others={"usv": "classical"}, overrides=SMALL)
+    env = BatchedEnv("escort", 2, teams="uav", others={"usv": "classical"}, overrides=SMALL)
     env.reset(seed=2)
     right = torch.zeros(2, env.vehicles["uav"], len(env.action_names["uav"]))
     env.step({"uav": right})
@@ -88,14 +89,14 @@ def test_an_action_that_is_refused_moves_no_script_and_no_other_team():
 
 
 def test_a_world_without_its_mission_says_what_its_script_needs():
-    with pytest.raises(ConfigError, match=r"vessel\.script: .* 'escort'.*ts\.batched_env.*without 'vessel'"):
+    with pytest.raises(ConfigError, match=r"vessel\.script: .* 'escort'.*rl\.BatchedEnv.*without 'vessel'"):
         ts.World.from_scenario("escort", 2, overrides=SMALL[1:3])
     assert list(ts.World.from_scenario("escort", 2, overrides=SMALL[1:3], teams=("usv",)).teams) == ["usv"]
 
 
 def test_an_episode_that_begins_leaves_no_trace_in_others_and_has_none_of_its_own_past():
     """Boats that learn a drift, and aircraft that see little and search."""
-    env, paths = ts.batched_env("escort", 3, overrides=(*SMALL, "uav.camera.field_of_view_deg=5")), []
+    env, paths = BatchedEnv("escort", 3, overrides=(*SMALL, "uav.camera.field_of_view_deg=5")), []
     for _ in range(2):
         env.reset(seed=11)
         path, generator = [env.state()], torch.Generator().manual_seed(1)

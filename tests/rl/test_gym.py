@@ -86,7 +86,7 @@ def test_gymnasiums_vector_wrappers_work() -> None:
 def test_a_module_in_the_id_is_all_that_needs_importing() -> None:
     """And no TimeLimit is wrapped around: the environment truncates itself."""
     code = (
-        "import gymnasium; id = 'taichi_sim:taichi_sim/UsvFormation-v0';"
+        "import gymnasium; id = 'rl:taichi_sim/UsvFormation-v0';"
         "v = gymnasium.make_vec(id, num_envs=2, overrides=['track.worlds=2', 'sea.realisations=2']);"
         "print(v.reset(seed=1)[0].shape, v.spec.id, gymnasium.spec(id.partition(':')[2]).max_episode_steps)"
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import importlib
 import sys
 
 import numpy as np
@@ -12,9 +13,9 @@ from gym_envs import SHORT, SMALL
 from gymnasium.error import ResetNeeded
 from parallel_checks import pettingzoo_accepts
 
-import taichi_sim as ts
 from rl.adapters.batched import BatchedEnv
 from rl.adapters.gymnasium import TeamVectorEnv
+from rl.adapters.pettingzoo import parallel_env
 from taichi_sim.config import ConfigError
 from taichi_sim.config.base import MissingExtraError
 
@@ -24,7 +25,7 @@ LONG = (*SMALL, "episode_duration=100", "usv.lost_distance=10000")  # m: no slot
 @functools.cache
 def batched(overrides: tuple[str, ...] = SHORT, autoreset: bool = True) -> BatchedEnv:
     """Three environments that several tests use, each after a seeded reset."""
-    return ts.batched_env("paper", 3, overrides=overrides, autoreset=autoreset)
+    return BatchedEnv("paper", 3, overrides=overrides, autoreset=autoreset)
 
 
 def still(env: BatchedEnv) -> dict[str, np.ndarray]:
@@ -43,7 +44,7 @@ def test_pettingzoos_own_tests_pass():
 
 def test_a_team_alone_does_to_the_bit_what_it_does_under_gymnasium():
     """Over several episodes, of 10 decisions each."""
-    ours, reference = ts.batched_env("paper", 3, teams="usv", overrides=SHORT), TeamVectorEnv("usv", 3, overrides=SHORT)
+    ours, reference = BatchedEnv("paper", 3, teams="usv", overrides=SHORT), TeamVectorEnv("usv", 3, overrides=SHORT)
     observed, expected = ours.reset(seed=7)["usv"], reference.reset(seed=7)[0]
     generator = np.random.default_rng(1)
     for _ in range(24):
@@ -60,7 +61,7 @@ def test_a_team_alone_does_to_the_bit_what_it_does_under_gymnasium():
 
 
 def test_agents_are_the_vehicles_in_order():
-    env = ts.parallel_env("paper", overrides=SHORT)
+    env = parallel_env("paper", overrides=SHORT)
     env.reset(seed=1)
     actions = {agent: np.full(env.action_space(agent).shape, 0.1 * k) for k, agent in enumerate(env.agents)}
     observations, rewards, *_, infos = env.step(actions)
@@ -143,7 +144,7 @@ def test_without_autoreset_an_episode_that_is_over_is_to_be_begun_anew():
 
 
 def test_an_episode_of_agents_ends_for_all_and_must_be_begun():
-    env = ts.parallel_env("paper", teams=["uav"], overrides=SHORT)
+    env = parallel_env("paper", teams=["uav"], overrides=SHORT)
     with pytest.raises(ResetNeeded):
         env.step({})
     env.reset(seed=1)
@@ -159,14 +160,14 @@ def test_an_episode_of_agents_ends_for_all_and_must_be_begun():
 
 
 def test_others_stand_by_follow_the_controller_or_are_not_there():
-    there = ts.batched_env("paper", 2, others={"uav": "classical"}, overrides=SHORT)
+    there = BatchedEnv("paper", 2, others={"uav": "classical"}, overrides=SHORT)
     assert list(there.vehicles) == list(there.observations) == ["usv"]
     there.step({"usv": torch.zeros(2, 3, 2)})
     assert there.mission.teams["uav"].action.any()
-    constant = ts.batched_env("paper", 2, teams=("usv",), others={"uav": "constant"}, overrides=SHORT)
+    constant = BatchedEnv("paper", 2, teams=("usv",), others={"uav": "constant"}, overrides=SHORT)
     constant.step({"usv": torch.zeros(2, 3, 2)})
     assert not constant.mission.teams["uav"].action.any()
-    assert list(ts.batched_env("paper", 2, teams="usv", overrides=SHORT).mission.teams) == ["usv"]
+    assert list(BatchedEnv("paper", 2, teams="usv", overrides=SHORT).mission.teams) == ["usv"]
 
 
 # -- misuse --------------------------------------------------------------------------------------------------
@@ -195,7 +196,7 @@ def test_wrong_actions_are_refused_and_move_nothing(change, message):
 
 
 def test_wrong_actions_of_agents_are_refused_and_move_nothing():
-    env = ts.parallel_env("paper", teams="usv", overrides=SHORT)
+    env = parallel_env("paper", teams="usv", overrides=SHORT)
     env.reset(seed=1)
     before = env.task.teams["usv"].fleet.state.clone()
     right = {agent: np.zeros(2) for agent in env.agents}
@@ -216,8 +217,8 @@ def test_wrong_actions_of_agents_are_refused_and_move_nothing():
 
 
 def test_a_picture_of_all_teams_is_drawn_a_decision_and_changes_nothing():
-    seen = ts.parallel_env("paper", overrides=SHORT, render_mode="rgb_array", render_size=(160, 120))
-    blind = ts.parallel_env("paper", overrides=SHORT)
+    seen = parallel_env("paper", overrides=SHORT, render_mode="rgb_array", render_size=(160, 120))
+    blind = parallel_env("paper", overrides=SHORT)
     assert seen.metadata["render_fps"] == 10 and "rgb_array" in seen.metadata["render_modes"]
     assert seen.reset(seed=1)[0].keys() == blind.reset(seed=1)[0].keys()
     before = seen.render()
@@ -247,11 +248,11 @@ def test_a_picture_of_all_teams_is_drawn_a_decision_and_changes_nothing():
 )
 def test_wrong_arguments_are_refused(options, error, message):
     with pytest.raises(error, match=message):
-        ts.parallel_env(**{"scenario": "paper", "overrides": SHORT, **options})
+        parallel_env(**{"scenario": "paper", "overrides": SHORT, **options})
 
 
 def test_without_pettingzoo_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "pettingzoo.utils.env", None)
     monkeypatch.delitem(sys.modules, "rl.adapters.pettingzoo", raising=False)
     with pytest.raises(MissingExtraError, match=r'pip install "taichi-sim\[marl\]"'):
-        ts.parallel_env("paper", teams="usv", overrides=SHORT)
+        importlib.import_module("rl.adapters.pettingzoo")

@@ -15,7 +15,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
+if __package__ in (None, ""):  # run as a script
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 WARM_UP = 3  # iterations before timing
 INFERENCE, ENVIRONMENT, RETURNS, UPDATE, TALK = "inference", "environment", "returns", "update", "synchronisation"

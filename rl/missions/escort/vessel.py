@@ -65,7 +65,7 @@ class Wanderer(Script):
         if not isinstance(world.config, EscortScenario):
             raise ConfigError(
                 f"{name}.script: the vessel's manoeuvres are described by the mission 'escort', and this world has no "
-                "mission: make the environments by ts.batched_env or gymnasium.make, or name the teams of the world "
+                "mission: make the environments by rl.BatchedEnv or gymnasium.make, or name the teams of the world "
                 f"without {name!r} (teams=...)"
             )
         self.config, self.fleet = world.config, world.teams[name]

@@ -7,9 +7,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from taichi_sim.commands.bundle import find_rl
+from rl.cli import run
+from rl.commands.bundle import bundle
 
-COMMANDS = "taichi_sim.commands"
 SCRIPTS = {  # name -> module, further arguments, description
     "train": ("rl.train", (), "train the teams of a scenario, evaluate, record, report"),
     "evaluate": ("rl.evaluate", (), "judge a run's policies on unseen episodes"),
@@ -22,9 +22,13 @@ SCRIPTS = {  # name -> module, further arguments, description
     "draw-sea": ("tools.draw_sea", (), "a picture of a scenario's sea"),
     "sea-of": ("tools.sea_of", (), "the seas in a file of measured spectra, and which vessels survive them"),
     "aircraft": ("tools.aircraft", (), "trim, modes and V-n diagram, or control loops, of an aircraft"),
-    "trials": (f"{COMMANDS}.trials", (), "standard trials of a vessel (turning circle, zigzag ...) or an aircraft"),
-    "fit": (f"{COMMANDS}.fit", (), "numbers of a vehicle file from logs of a vessel's motion, with intervals"),
-    "sitl": (f"{COMMANDS}.sitl", (), "be the physics of ArduPilot's SITL (JSON interface) or PX4's (MAVLink)"),
+    "trials": (
+        "taichi_sim.commands.trials",
+        (),
+        "standard trials of a vessel (turning circle, zigzag) or an aircraft",
+    ),
+    "fit": ("taichi_sim.commands.fit", (), "numbers of a vehicle file from logs of a vessel's motion, with intervals"),
+    "sitl": ("taichi_sim.commands.sitl", (), "be the physics of ArduPilot's SITL (JSON interface) or PX4's (MAVLink)"),
     "hydrodynamics": ("tools.hydrodynamics", (), "a hull's added mass, damping and wave loads from its mesh"),
 }
 STARTERS = {
@@ -66,7 +70,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser().print_help()
         return 0
     args = parser().parse_args(given)
-    find_rl(first=True)
     if args.command in STARTERS:
         return _start(args.command, args.arguments)
     module, beside, _ = SCRIPTS[args.command]
@@ -75,7 +78,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         given += [*beside, "default"]
     sys.argv = [f"taichi-sim {args.command}", *given]
     if module.startswith("rl."):
-        return importlib.import_module("rl.cli").run(importlib.import_module(module).main)
+        return run(importlib.import_module(module).main)
+    if module.startswith("tools."):
+        sys.path.insert(0, str(bundle()))
     try:
         runpy.run_module(module, run_name="__main__")
     except SystemExit as ended:
@@ -90,11 +95,11 @@ def _start(name: str, arguments: Sequence[str]) -> int:
     given = vars(starter_parser(name).parse_args(arguments))
 
     def write(_: list[str] | None) -> None:
-        make = getattr(importlib.import_module("taichi_sim.commands.starters"), name.replace("-", "_"))
+        make = getattr(importlib.import_module("rl.commands.starters"), name.replace("-", "_"))
         for file in make(given.pop("name"), Path(), **given):
             print(file)
 
-    return importlib.import_module("rl.cli").run(write, [])
+    return run(write, [])
 
 
 if __name__ == "__main__":

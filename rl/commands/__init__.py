@@ -1,0 +1,1 @@
+"""The command `taichi-sim`, and starter files."""
