@@ -16,6 +16,7 @@ from rl.mission import Endings
 from taichi_sim.recording import Body, Episode, Force, Signal, write_recording
 from taichi_sim.recording.arrows import newtons_per_metre, round_scale
 from taichi_sim.recording.bodies import above, below, body_mesh, lid, shell
+from taichi_sim.recording.palette import ALARM, GOOD
 from taichi_sim.recording.recorder import forces_of, signals_of
 from taichi_sim.recording.sea_patch import ROUND_M, Cadence, SeaGrid, SeaPatch
 from taichi_sim.recording.stream import Stream
@@ -241,13 +242,15 @@ def test_scales_are_round_and_hold_the_arrow(value: float) -> None:
     assert float(f"{scale:.0e}") == pytest.approx(scale)
 
 
-def test_events_are_whatever_reasons_the_endings_have() -> None:
-    ended = Endings({"swamped": torch.tensor([[False, True]]), "out_of_fuel": torch.tensor([[True, False]])})
+def test_events_are_whatever_reasons_the_endings_have_and_goals_what_the_judge_says() -> None:
+    ended = Endings({"swamped": torch.tensor([[False, True]]), "moored": torch.tensor([[True, False]])})
     seen: set[tuple[str, int, str]] = set()
     step = SimpleNamespace(endings={"usv": ended})
-    kinds = [(event.kind, event.vehicle, event.time_s) for event in _events(step, 0.1, seen)]  # pyright: ignore
-    assert kinds == [("swamped", 1, 0.1), ("out_of_fuel", 0, 0.1)]
-    assert not _events(step, 0.2, seen)  # pyright: ignore
+    events = _events(step, 0.1, seen, ("moored",), 0)  # pyright: ignore
+    assert [(event.kind, event.vehicle, event.time_s) for event in events] == [("swamped", 1, 0.1), ("moored", 0, 0.1)]
+    assert [event.goal for event in events] == [False, True]
+    assert [event.colour for event in events] == [ALARM, GOOD]
+    assert not _events(step, 0.2, seen, (), 0)  # pyright: ignore
 
 
 def test_loads_of_the_wrong_shape_are_refused() -> None:

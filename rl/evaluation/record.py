@@ -151,7 +151,7 @@ def record_episode(
     with runtime.torch_at_rest():
         for i in tqdm(range(steps), desc="record", unit="step", disable=not show_progress):
             step = task.step({name: policies[name](team) for name, team in task.teams.items()})
-            new = _events(step, (i + 1) * config.decision_interval, known, env)
+            new = _events(step, (i + 1) * config.decision_interval, known, task.Judge.goals, env)
             events += new
             if any(bool(ended["diverged"][env].any()) for ended in step.endings.values()):
                 break  # what follows is no motion
@@ -170,7 +170,7 @@ def record_episode(
     )
 
 
-def _events(step: Step, time: float, known: set[tuple[str, int, str]], env: int = 0) -> list[Event]:
+def _events(step: Step, time: float, known: set[tuple[str, int, str]], goals: Sequence[str], env: int) -> list[Event]:
     found = []
     for team, ended in step.endings.items():
         for field in ended:
@@ -178,7 +178,7 @@ def _events(step: Step, time: float, known: set[tuple[str, int, str]], env: int 
             for vehicle in ended[field][env].nonzero().flatten().tolist():
                 if (team, vehicle, kind) not in known:
                     known.add((team, vehicle, kind))
-                    found.append(Event(time, team, vehicle, kind, f"{team}{vehicle} {text}"))
+                    found.append(Event(time, team, vehicle, kind, f"{team}{vehicle} {text}", field in goals))
     return found
 
 

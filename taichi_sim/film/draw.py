@@ -14,7 +14,7 @@ from taichi_sim.kernels.rotation import numpy_rotation_matrix
 from taichi_sim.recording.bodies import body_mesh
 from taichi_sim.recording.episode import Array
 from taichi_sim.recording.overlays import Arrows, Cylinders, Ellipsoids, Lines, Points
-from taichi_sim.recording.palette import CHECKPOINT, FRAME, OBSTACLE, PLUMB, TARGET, Colour, event_colour
+from taichi_sim.recording.palette import CHECKPOINT, FRAME, OBSTACLE, PLUMB, TARGET, Colour
 
 SUNK_M = 6.0  # depth of an obstacle below mean sea level
 RING = np.linspace(0.0, 2.0 * np.pi, 33)  # rad
@@ -63,7 +63,7 @@ def draw_moment(pen: Pen, moment: Moment) -> None:
         for text, place in zip(overlay.labels, places, strict=False):
             pen.label(place, text, overlay.colour, overlay.where)
     for event, place_n in moment.events:
-        pen.dots(place_n, event_colour(event.kind), 6.0, chop)
+        pen.dots(place_n, event.colour, 6.0, chop)
 
 
 def wave_height(moment: Moment) -> float:

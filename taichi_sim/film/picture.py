@@ -22,7 +22,7 @@ from taichi_sim.film.pen import Drawing, Pen, Solids, joined
 from taichi_sim.film.raster import Raster
 from taichi_sim.film.water import NO_WATER, water_seen
 from taichi_sim.kernels.rotation import numpy_rotation_matrix
-from taichi_sim.recording.palette import Colour, event_colour
+from taichi_sim.recording.palette import Colour
 
 INK, PAPER = (248, 250, 252), (10, 24, 36)
 Pixels = NDArray[np.uint8]
@@ -190,7 +190,7 @@ class Picture:
             return
         fresh = [event for event, _ in moment.events if moment.time_s - event.time_s < EVENT_S]
         for line, event in enumerate(fresh[-3:]):
-            place, tint = (size * 0.6, size * (2.0 + 1.4 * line)), _light(event_colour(event.kind))
+            place, tint = (size * 0.6, size * (2.0 + 1.4 * line)), _light(event.colour)
             write(picture, event.text, place, size=size, colour=tint)
 
 

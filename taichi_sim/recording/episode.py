@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from taichi_sim.conventions import HEADING
 from taichi_sim.recording.frames import Array, euler
 from taichi_sim.recording.overlays import Note, Overlay, Plot
-from taichi_sim.recording.palette import Livery, liveries
+from taichi_sim.recording.palette import ALARM, GOOD, Colour, Livery, liveries
 
 COMPANY_LENGTHS = 20.0  # vehicle lengths: without a formation, a view includes vehicles this close to the first
 RESERVED = {"track", "checkpoints", "obstacles", "events", "overlay", "wind", "area"}  # no team may have these names
@@ -173,6 +173,12 @@ class Event:
     vehicle: int
     kind: str  # collision, capsized, lost, stall, ...
     text: str
+    goal: bool = False  # what the vehicle was to do; else something went wrong
+
+    @property
+    def colour(self) -> Colour:
+        """Colour of its marks."""
+        return GOOD if self.goal else ALARM
 
 
 @dataclass(frozen=True)

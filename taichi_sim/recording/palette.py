@@ -59,14 +59,6 @@ LOADS: dict[str, Colour] = {
 """Load arrows, in the order in which a model names its forces."""
 
 
-GOALS = ("landed",)  # kinds of event that are a success
-
-
-def event_colour(kind: str) -> Colour:
-    """The colour of an event of this kind."""
-    return GOOD if kind in GOALS else ALARM
-
-
 def liveries(media: Mapping[str, str]) -> dict[str, Livery]:
     """The colours of each team, by its place among the teams; `media` is name -> "water" or "air", in order."""
     first, others = dict(FIRST), cycle(OTHERS)

@@ -10,11 +10,11 @@ from taichi_sim.conventions import DOWN, HORIZONTAL
 from taichi_sim.recording.episode import Array, Episode
 from taichi_sim.recording.frames import enu, map_point
 from taichi_sim.recording.overlays import Note
-from taichi_sim.recording.palette import CHECKPOINT, FRAME, GOALS, OBSTACLE, event_colour
+from taichi_sim.recording.palette import CHECKPOINT, FRAME, OBSTACLE, Colour
 from taichi_sim.recording.sea_patch import SeaPatch, patch_of
 from taichi_sim.recording.stream import Stream
 
-LEVELS = {"stall": "WARN"} | dict.fromkeys(GOALS, "INFO")  # log level of each kind of event; others are an "ERROR"
+LEVELS = {"stall": "WARN"}  # log level of a kind of event; others are an "ERROR", or "INFO" if they are a goal
 SUNK_M = 6.0  # depth of an obstacle below mean sea level, so that no trough shows its foot
 CHECKPOINT_UP_M = 3.0  # height of a checkpoint's mark above the track
 MAP_MARGIN_M, MAP_LEAST_M = 120.0, 20.0  # margin of the map: the second plus the extent, at most the first
@@ -93,7 +93,8 @@ def send_events(stream: Stream, episode: Episode) -> None:
     log = [(note.time_s, note.text, note.level) for note in episode.overlays if isinstance(note, Note)]
     for event in episode.events:
         whose = episode.teams[event.team].vehicle_name(event.vehicle)
-        log.append((event.time_s, f"{whose} {event.kind}: {event.text}", LEVELS.get(event.kind, "ERROR")))
+        level = "INFO" if event.goal else LEVELS.get(event.kind, "ERROR")
+        log.append((event.time_s, f"{whose} {event.kind}: {event.text}", level))
     if log:
         times, texts, levels = zip(*sorted(log, key=lambda line: line[0]), strict=True)
         stream.columns("events", rr.TextLog.columns(text=texts, level=levels), _steps(episode, times))
@@ -112,15 +113,15 @@ def _mark_events(stream: Stream, episode: Episode) -> None:
     if not happened:
         return
     index = _steps(episode, [event.time_s for event in happened])
-    marked: list[tuple[Array, str]] = stream.memory.setdefault("world/events", [])
+    marked: list[tuple[Array, str, Colour]] = stream.memory.setdefault("world/events", [])
     counts = np.arange(1, len(happened) + 1) + len(marked)
     for event, step in zip(happened, index, strict=True):
-        marked.append((episode.teams[event.team].position_n[step, event.vehicle], event.kind))
+        marked.append((episode.teams[event.team].position_n[step, event.vehicle], event.kind, event.colour))
     radius = 0.25 * max(team.size_m[0] for team in episode.teams.values())
     stream.static("world/events", rr.Points3D.from_fields(radii=radius))
     so_far = np.concatenate([np.arange(count) for count in counts])
-    places = enu(np.stack([place for place, _ in marked]))
+    places = enu(np.stack([place for place, _, _ in marked]))
     kinds = [marked[number][1] for number in so_far]
-    colours = [event_colour(kind) for kind in kinds]
+    colours = [marked[number][2] for number in so_far]
     marks = rr.Points3D.columns(positions=places[so_far], labels=kinds, colors=colours)
     stream.columns("world/events", marks.partition(counts), index)

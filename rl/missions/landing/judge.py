@@ -18,6 +18,7 @@ NONE = -1
 class LandingJudge(Judge):
     """Measures outcomes and touchdowns of aircraft [env, aircraft], and the motion of the boats' decks."""
 
+    goals = ("landed",)
     definitions = {
         "success_rate": "fraction of aircraft that landed: all soles on the deck for landing.stand without a break, "
         "and none of the ends below before",
