@@ -11,7 +11,7 @@ from taichi_sim.config import SeaConfig
 from taichi_sim.film import raster, water
 from taichi_sim.film.camera import FilmCamera, eye_that_holds, heading, look, look_at
 from taichi_sim.film.moment import moment_of
-from taichi_sim.film.pen import BALL, BALL_NORMALS, NO_SOLIDS, NO_STROKES, Solids, Strokes
+from taichi_sim.film.primitives import BALL, BALL_NORMALS, NO_SOLIDS, NO_STROKES, Solids, Strokes
 from taichi_sim.film.raster import Raster
 from taichi_sim.sea import Sea
 

@@ -28,11 +28,11 @@ from taichi_sim.config import ConfigError
 from taichi_sim.config.base import MissingExtraError
 from taichi_sim.config.io import output
 from taichi_sim.conventions import GRAVITY, RHO_SEA
-from taichi_sim.hydro import compute, hull
-from taichi_sim.hydro.fit import ENERGY, FitError
-from taichi_sim.hydro.hull import vehicle_text
+from taichi_sim.hydro import floating_hull, make_database
+from taichi_sim.hydro.floating_hull import vehicle_text
+from taichi_sim.hydro.frequency_sweep import require_capytaine
+from taichi_sim.hydro.memory_fit import ENERGY, FitError
 from taichi_sim.hydro.mesh_file import UNITS
-from taichi_sim.hydro.run import require_capytaine
 from taichi_sim.usv.hull.database import HydroDatabase, database_file, hull_hash
 
 DT = 1e-3  # s, step for loading a hull, of which only the panels are used
@@ -110,26 +110,26 @@ def _run(args: argparse.Namespace, command: str) -> None:
         _refit(args)
         return
     code = require_capytaine()
-    if hull.is_vehicle(args.hull):
-        file = hull.vehicle_path(args.hull)
-        craft, length = hull.of_vehicle(file)
+    if floating_hull.is_vehicle(args.hull):
+        file = floating_hull.vehicle_path(args.hull)
+        craft, length = floating_hull.of_vehicle(file)
         surface = None
         if args.mesh:
-            surface = hull.read_mesh(args.mesh, args.unit, args.waterline, args.midships or 0.0, length)
+            surface = floating_hull.read_mesh(args.mesh, args.unit, args.waterline, args.midships or 0.0, length)
     else:
         file = Path(args.hull).with_suffix(".toml")
         if file.exists():
             raise ConfigError(f"{file}: exists; compute its database with {file.name} --mesh {args.hull}, or rename it")
-        surface = hull.read_mesh(Path(args.hull), args.unit, args.waterline, args.midships, None)
+        surface = floating_hull.read_mesh(Path(args.hull), args.unit, args.waterline, args.midships, None)
         freeboard = args.freeboard or float(-surface.whole[..., 2].min())
         table = args.stations, args.points, freeboard
-        craft = hull.of_mesh(surface, file.stem, args.mass, args.cg and tuple(args.cg), args.gyration, table)
-    wishes = compute.Wishes(
+        craft = floating_hull.of_mesh(surface, file.stem, args.mass, args.cg and tuple(args.cg), args.gyration, table)
+    wishes = make_database.Wishes(
         args.rho, GRAVITY, args.depth, args.panels, args.divisions, args.gap_damping, not args.no_lid, args.method,
-        compute.Spectrum(args.frequencies, args.range and tuple(args.range), tuple(args.also), args.heading_step),
+        make_database.Spectrum(args.frequencies, args.range and tuple(args.range), tuple(args.also), args.heading_step),
         args.jobs, args.quiet,
     )  # fmt: skip
-    found, resonances = compute.run(craft, surface, wishes, code, command)
+    found, resonances = make_database.run(craft, surface, wishes, code, command)
     out = args.out or database_file(file)
     found.write(out)  # saves the long computation
     if craft.shape is not None and surface is not None:
@@ -141,12 +141,12 @@ def _run(args: argparse.Namespace, command: str) -> None:
 
 def _refit(args: argparse.Namespace) -> None:
     """Fit the memory of an existing database again, after an interruption or with another tolerance."""
-    if not hull.is_vehicle(args.hull):
+    if not floating_hull.is_vehicle(args.hull):
         raise ConfigError(f"{args.hull}: --refit is of a vehicle file and its database")
-    file = hull.vehicle_path(args.hull)
+    file = floating_hull.vehicle_path(args.hull)
     out = args.out or database_file(file)
     found = HydroDatabase.read(out)
-    if found.hull != hull_hash(hull.of_vehicle(file)[0].panels):
+    if found.hull != hull_hash(floating_hull.of_vehicle(file)[0].panels):
         raise ConfigError(f"{out}: of another hull than {file.name}'s: compute it without --refit")
     _complete(found, file, out, args)
 
@@ -154,7 +154,7 @@ def _refit(args: argparse.Namespace) -> None:
 def _complete(found: HydroDatabase, file: Path, out: Path, args: argparse.Namespace) -> None:
     """Add a memory, fitted for the vehicle of `file`, to the database and write it."""
     # imported here, because workers of the boundary-element code need no Taichi
-    from taichi_sim.hydro.complete import completed
+    from taichi_sim.hydro.complete_database import completed
     from taichi_sim.kernels import runtime
     from taichi_sim.usv.hull.hull_6dof import Hull6Dof
     from taichi_sim.vehicles import load_vehicle

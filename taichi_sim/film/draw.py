@@ -9,7 +9,7 @@ import numpy as np
 
 from taichi_sim.conventions import DOWN
 from taichi_sim.film.moment import Moment, TeamMoment
-from taichi_sim.film.pen import Pen, Solids, faces_of, moved
+from taichi_sim.film.primitives import Pen, Solids, faces_of, moved
 from taichi_sim.kernels.rotation import numpy_rotation_matrix
 from taichi_sim.recording.bodies import body_mesh
 from taichi_sim.recording.episode import Array

@@ -18,7 +18,7 @@ from taichi_sim.conventions import HORIZONTAL
 from taichi_sim.film.camera import AWAY, Array, FilmCamera, FollowRig, MapRig, Overview, Rig
 from taichi_sim.film.draw import Cast, draw_moment
 from taichi_sim.film.moment import Moment
-from taichi_sim.film.pen import Drawing, Pen, Solids, joined
+from taichi_sim.film.primitives import Drawing, Pen, Solids, joined
 from taichi_sim.film.raster import Raster
 from taichi_sim.film.water import NO_WATER, water_seen
 from taichi_sim.kernels.rotation import numpy_rotation_matrix

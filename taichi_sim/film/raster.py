@@ -1,10 +1,11 @@
 """A software rasteriser: draws triangles, lines and the sea's grid to pixels with a depth buffer on the CPU's cores.
 
-Everything becomes triangles on the screen (screen.py) with linearly varying colours. Triangles are sorted into bands of
-rows, and one thread fills each band, so a picture has the same bits on any number of threads. A pixel is the mean of
-SAMPLES x SAMPLES samples. Sea and sky, whose colours change slowly, have one sample in the pixel's centre, behind the
-others. A sample is 64 bits: the upper ones are the bits of 1 / distance, which increase with it; the lower ones are the
-number of the triangle. Both triangles at an edge follow it from its upper to its lower end, so they leave no gap.
+Everything becomes triangles on the screen (projection.py) with linearly varying colours. Triangles are sorted into
+bands of rows, and one thread fills each band, so a picture has the same bits on any number of threads. A pixel is the
+mean of SAMPLES x SAMPLES samples. Sea and sky, whose colours change slowly, have one sample in the pixel's centre,
+behind the others. A sample is 64 bits: the upper ones are the bits of 1 / distance, which increase with it; the lower
+ones are the number of the triangle. Both triangles at an edge follow it from its upper to its lower end, so they leave
+no gap.
 
 Taichi compiles one kernel for all sizes of pictures. Its arrays have one axis, because access to arrays with more axes
 costs twice as much.
@@ -20,8 +21,8 @@ from numpy.typing import NDArray
 from taichi.math import vec3
 
 from taichi_sim.film.camera import FilmCamera
-from taichi_sim.film.pen import Solids, Strokes
-from taichi_sim.film.screen import (
+from taichi_sim.film.primitives import Solids, Strokes
+from taichi_sim.film.projection import (
     BAND,
     CORNER,
     SAMPLES,

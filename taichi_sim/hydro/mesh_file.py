@@ -1,4 +1,4 @@
-"""Reading of a hull's surface from a file, whole or not at all; skin.py then checks what it is.
+"""Reading of a hull's surface from a file, whole or not at all; mesh_check.py then checks what it is.
 
 Formats are STL (text and binary), OBJ, WAMIT's GDF of flat panels, CSV of panels with the columns x1, y1, z1 ... x4,
 y4, z4, and PLY, VTK, MSH and others that meshio reads. The frame is x forward, y to port, z up. A GDF of one half
@@ -92,9 +92,7 @@ def _gdf(path: Path, unit: str) -> Polygons:
     count = int(first[0])
     numbers = np.array([_number(word) for word in " ".join(lines[4:]).split()])
     if count < 1 or numbers.size != 12 * count:
-        raise ValueError(
-            f"{count} panels announced, numbers for {numbers.size / 12:.4g} found: is the file truncated?"
-        )
+        raise ValueError(f"{count} panels announced, numbers for {numbers.size / 12:.4g} found: is the file truncated?")
     planes = tuple(axis for axis, on in ((1, symmetry[1]), (0, symmetry[0])) if on)
     return Polygons(UNITS[_gdf_unit(path, grav, unit)] * numbers.reshape(-1, 4, 3), planes)
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.hydro.panels import wetted
-from taichi_sim.hydro.surface import WettedSurface, X
+from taichi_sim.hydro.wetted_surface import WettedSurface, X
 from taichi_sim.usv.hull.mesh import Panels, StationsHull, mesh
 
 Array = NDArray[np.float64]

@@ -13,8 +13,8 @@ slosh ("irregular frequencies"). A rigid lid over the inner waterplane removes t
 per cent, because panels of lid and hull meet in the logarithmic singularity of the surface.
 
 Lid between hulls: real water oscillates between the hulls of a catamaran. Potential theory has no viscosity and
-exaggerates this near resonance. A damping lid absorbs energy there (Chen 2004; engine.py). Both lids are built strip by
-strip along x, from the crossings of the waterline: inside and gap alternate across the hull.
+exaggerates this near resonance. A damping lid absorbs energy there (Chen 2004; capytaine_extensions.py). Both lids are
+built strip by strip along x, from the crossings of the waterline: inside and gap alternate across the hull.
 """
 
 from typing import NamedTuple
@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_sim.hydro.surface import PLANES, WettedSurface, X, Z, area_vectors, as_triangles
+from taichi_sim.hydro.wetted_surface import PLANES, WettedSurface, X, Z, area_vectors, as_triangles
 from taichi_sim.usv.hull.mesh import Panels
 
 Array = NDArray[np.float64]

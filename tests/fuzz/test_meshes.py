@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from taichi_sim.config import ConfigError
-from taichi_sim.hydro import hull
-from taichi_sim.hydro.skin import GAP
-from taichi_sim.hydro.surface import WettedSurface
+from taichi_sim.hydro import floating_hull
+from taichi_sim.hydro.mesh_check import GAP
+from taichi_sim.hydro.wetted_surface import WettedSurface
 from taichi_sim.usv.hull.mesh import BoxHull, mesh
 from tests.fuzz.mutate import mutations
 
@@ -72,7 +72,7 @@ def read(path: Path) -> tuple[WettedSurface | None, str]:
     said = io.StringIO()
     try:
         with contextlib.redirect_stdout(said):
-            return hull.read_mesh(path, "m", 0.0, None, None), said.getvalue()
+            return floating_hull.read_mesh(path, "m", 0.0, None, None), said.getvalue()
     except ConfigError as error:
         assert path.name in str(error)
         return None, said.getvalue()

@@ -131,17 +131,17 @@ def _made(case: Case, name: str) -> tuple[HydroDatabase, Hull6DofParams]:
     panels, meta = (case.path.with_name(name + end) for end in ("_half_hull_panels.csv", "_meta.json"))
     if not panels.is_file():
         raise InputsMissingError(f"inputs missing: neither {name}{SUFFIX} nor {panels.name}")
-    from taichi_sim.hydro import hull
-    from taichi_sim.hydro.surface import turned_matrix
+    from taichi_sim.hydro import floating_hull
+    from taichi_sim.hydro.wetted_surface import turned_matrix
 
     data = read_json(case.folder.use(meta))
     M = turned_matrix(matrix(data, "M"))
     mass = float(M[0, 0])
     cg = (M[1, 5] / mass, 0.0, M[0, 4] / mass)  # x, z: of the coupling with yaw and pitch
-    surface = hull.read_mesh(case.folder.use(panels), "m", 0.0, 0.0, None)
+    surface = floating_hull.read_mesh(case.folder.use(panels), "m", 0.0, 0.0, None)
     draught = float(-surface.whole[..., 2].min())
     with redirect_stdout(sys.stderr):
-        craft = hull.of_mesh(surface, name, mass, cg, (1.0, 1.0, 1.0), (24, 3, draught))
+        craft = floating_hull.of_mesh(surface, name, mass, cg, (1.0, 1.0, 1.0), (24, 3, draught))
     craft = replace(craft, M=M)
     kept = case.folder.computed / (name + SUFFIX)
     assert craft.shape is not None
@@ -159,22 +159,22 @@ def _made(case: Case, name: str) -> tuple[HydroDatabase, Hull6DofParams]:
 
 
 def _compute(case: Case, name: str, craft: Any, surface: Any, data: Any, floating: Hull6Dof, kept: Path) -> None:
-    from taichi_sim.hydro import compute
-    from taichi_sim.hydro.complete import completed
-    from taichi_sim.hydro.run import require_capytaine
+    from taichi_sim.hydro import make_database
+    from taichi_sim.hydro.complete_database import completed
+    from taichi_sim.hydro.frequency_sweep import require_capytaine
 
     try:
         code = require_capytaine()
     except MissingExtraError as error:
         raise InputsMissingError(f"inputs missing: no {name}{SUFFIX}, and to compute it: {error}") from None
     also = tuple(sorted({float(w) for w in _frequencies(case, name)}))
-    spectrum = compute.Spectrum(None, None, also, None)
-    wishes = compute.Wishes(
+    spectrum = make_database.Spectrum(None, None, also, None)
+    wishes = make_database.Wishes(
         number(data, "rho"), GRAVITY, np.inf, 1, 0, 0.0, True, "direct", spectrum, os.cpu_count() or 1, False
     )  # the mesh as it is
     kept.parent.mkdir(parents=True, exist_ok=True)
     with redirect_stdout(sys.stderr):
-        found, _resonances = compute.run(craft, surface, wishes, code, f"validate: {name}")
+        found, _resonances = make_database.run(craft, surface, wishes, code, f"validate: {name}")
         completed(found, floating)[0].write(kept)
 
 

@@ -63,21 +63,21 @@ def _curves(axes: Axes, counts: list[int], errors: list[dict[tuple[str, int], fl
 
 def _computed(panels: int) -> HydroDatabase:
     """The boundary-element code's answer on so many panels, at the shipped database's resonances and some more."""
-    from taichi_sim.hydro import compute, hull
-    from taichi_sim.hydro.run import require_capytaine
+    from taichi_sim.hydro import floating_hull, make_database
+    from taichi_sim.hydro.frequency_sweep import require_capytaine
 
     try:
         code = require_capytaine()
     except MissingExtraError as error:
         raise TableError(str(error)) from None
-    craft, _ = hull.of_vehicle(vehicle_file(HULL))
+    craft, _ = floating_hull.of_vehicle(vehicle_file(HULL))
     shipped = HydroDatabase.read(vehicle_file(HULL).with_suffix(SUFFIX))
     w = np.asarray(shipped.settings["resonances"], dtype=float)
-    spectrum = compute.Spectrum(9, (BOUND[0] * w.min(), BOUND[1] * w.max()), tuple(w), HEADINGS)
+    spectrum = make_database.Spectrum(9, (BOUND[0] * w.min(), BOUND[1] * w.max()), tuple(w), HEADINGS)
     jobs = os.cpu_count() or 1
-    wishes = compute.Wishes(RHO_SEA, GRAVITY, np.inf, panels, 0, None, True, "direct", spectrum, jobs, True)
+    wishes = make_database.Wishes(RHO_SEA, GRAVITY, np.inf, panels, 0, None, True, "direct", spectrum, jobs, True)
     with redirect_stdout(StringIO()):
-        return compute.run(craft, None, wishes, code, "convergence")[0]
+        return make_database.run(craft, None, wishes, code, "convergence")[0]
 
 
 def _panel_errors(run: HydroDatabase, best: HydroDatabase) -> dict[tuple[str, int], float]:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from taichi_sim.config import ConfigError
 from taichi_sim.hydro.mesh_file import UNITS, Polygons
-from taichi_sim.hydro.surface import WettedSurface, X, Y, Z, area_vectors, as_triangles, mirrored, reverse
+from taichi_sim.hydro.wetted_surface import WettedSurface, X, Y, Z, area_vectors, as_triangles, mirrored, reverse
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int64]

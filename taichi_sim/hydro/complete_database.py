@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from taichi_sim.conventions import QUATERNION
-from taichi_sim.hydro.fit import ENERGY, Pair, fit_memory
+from taichi_sim.hydro.memory_fit import ENERGY, Pair, fit_memory
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components, wavenumber
 from taichi_sim.surroundings import Surroundings

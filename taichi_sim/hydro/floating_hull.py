@@ -10,10 +10,10 @@ from pydantic import TypeAdapter
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder, read_toml, validate, with_tuples
 from taichi_sim.conventions import RHO_SEA
-from taichi_sim.hydro import mesh_file, skin
+from taichi_sim.hydro import mesh_check, mesh_file
 from taichi_sim.hydro.offsets import offsets
 from taichi_sim.hydro.panels import Z_UP, wetted
-from taichi_sim.hydro.surface import WettedSurface, X, mirrored
+from taichi_sim.hydro.wetted_surface import WettedSurface, X, mirrored
 from taichi_sim.kernels.rigid_body import rigid_body_mass
 from taichi_sim.usv.hull.database import SUFFIX, HydroDatabase
 from taichi_sim.usv.hull.hydrostatics import Hydrostatics
@@ -42,7 +42,7 @@ class FloatingHull:
 
     @property
     def cg_z_up(self) -> Array:
-        """CG in the frame of surface.py, m."""
+        """CG in the frame of wetted_surface.py, m."""
         return np.array(self.cg) * Z_UP
 
 
@@ -94,7 +94,7 @@ def read_mesh(path: Path, unit: str, waterline: float, midships: float | None, l
     `waterline` and `midships` are z and x of CO in the mesh (m); without `midships`, the middle of the mesh.
 
     Raises:
-        ConfigError: if the file cannot be read, or is no hull (mesh_file.py, skin.py).
+        ConfigError: if the file cannot be read, or is no hull (mesh_file.py, mesh_check.py).
     """
     panels, planes = mesh_file.read(path, unit)
     if X in planes and midships:  # the plane of symmetry is not CO's
@@ -102,7 +102,7 @@ def read_mesh(path: Path, unit: str, waterline: float, midships: float | None, l
     x = panels[..., X]
     middle = 0.0 if X in planes else (x.min() + x.max()) / 2
     moved = panels - [middle if midships is None else midships, 0.0, waterline]
-    return skin.checked(mesh_file.Polygons(moved, planes), path.name, length)
+    return mesh_check.checked(mesh_file.Polygons(moved, planes), path.name, length)
 
 
 def of_mesh(

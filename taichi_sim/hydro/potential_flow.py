@@ -8,7 +8,8 @@ its normal velocity v_n (the normal points out of the hull into the water), by o
 
 On the meshes of ships the direct method has a quarter of the error, and lids hardly shift its results
 (docs/hydrodynamics.md). The problems are the six motions of unit velocity, and the scattering of waves from each
-heading. The lids are those of panels.py: the inner one is rigid, the one between hulls is damped (engine.py).
+heading. The lids are those of panels.py: the inner one is rigid, the one between hulls is damped
+(capytaine_extensions.py).
 
 Far away, the waves of a potential follow from Kochin's function
 
@@ -41,7 +42,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_sim.hydro.surface import WettedSurface, area_vectors, cos_sin
+from taichi_sim.hydro.wetted_surface import WettedSurface, area_vectors, cos_sin
 
 if TYPE_CHECKING:
     from capytaine import FloatingBody
@@ -78,7 +79,7 @@ class Tank:
     @cached_property
     def body(self) -> "FloatingBody":
         """The hull with its lids as a body of capytaine."""
-        from taichi_sim.hydro.engine import as_body  # capytaine is heavy and optional
+        from taichi_sim.hydro.capytaine_extensions import as_body  # capytaine is heavy and optional
 
         return as_body(self.hull, np.concatenate([self.inner_lid, self.damping_lid]))
 
@@ -90,7 +91,7 @@ class Tank:
 
 
 class Solution(NamedTuple):
-    """Results at one frequency, in the frame of surface.py, for n headings."""
+    """Results at one frequency, in the frame of wetted_surface.py, for n headings."""
 
     wavenumber: float  # rad/m
     added_mass: Array  # [6, 6]
@@ -114,7 +115,7 @@ def solve(tank: Tank, omega: float, heading_deg: Array) -> Solution:
     from capytaine import BEMSolver, DiffractionProblem, RadiationProblem
     from capytaine.bem.airy_waves import airy_waves_potential, airy_waves_pressure
 
-    from taichi_sim.hydro.engine import DampedEngine
+    from taichi_sim.hydro.capytaine_extensions import DampedEngine
 
     body, direct, lid = tank.body, tank.method == "direct", len(tank.damping_lid)
     mesh, hull, images = body.mesh_including_lid, body.hull_mask, 2 ** len(tank.hull.planes)
@@ -156,7 +157,7 @@ def added_mass_inf(tank: Tank) -> Array:
     """Added mass [6, 6] at infinite frequency, of the hull without lids."""
     from capytaine import BEMSolver, RadiationProblem
 
-    from taichi_sim.hydro.engine import as_body
+    from taichi_sim.hydro.capytaine_extensions import as_body
 
     body = as_body(tank.hull, NO_PANELS)
     solver = BEMSolver(method="direct" if tank.method == "direct" else "indirect")

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from taichi_sim.config.base import MissingExtraError
-from taichi_sim.hydro.problem import Tank, added_mass_inf, mean_drift, radiated_damping, response, solve
-from taichi_sim.hydro.surface import TURN_HORIZONTAL, turned_load, turned_matrix
+from taichi_sim.hydro.potential_flow import Tank, added_mass_inf, mean_drift, radiated_damping, response, solve
+from taichi_sim.hydro.wetted_surface import TURN_HORIZONTAL, turned_load, turned_matrix
 from taichi_sim.usv.hull.database import HydroDatabase
 
 CONTEXT = get_context("spawn")
@@ -56,14 +56,14 @@ def _begin(parent: int, begin: Callable[..., None] | None, given: tuple[object, 
 
 
 class Floating(NamedTuple):
-    """Rigid-body matrix and stiffness [6, 6] of the floating hull about CO, in the frame of surface.py."""
+    """Rigid-body matrix and stiffness [6, 6] of the floating hull about CO, in the frame of wetted_surface.py."""
 
     M: Array
     C: Array
 
 
 class Loads(NamedTuple):
-    """Loads at one frequency, in the frame of surface.py, for m headings."""
+    """Loads at one frequency, in the frame of wetted_surface.py, for m headings."""
 
     added_mass: Array  # [6, 6]
     damping: Array  # [6, 6]
@@ -122,7 +122,7 @@ def database(
 ) -> HydroDatabase:  # fmt: skip
     """Make the database in the vehicle's frame; `hull`, `code` and `settings` are entered as they are.
 
-    A heading changes sign with the frame: -30 deg, to starboard in the frame of surface.py, is +30 deg in the
+    A heading changes sign with the frame: -30 deg, to starboard in the frame of wetted_surface.py, is +30 deg in the
     vehicle's.
     """
     turned = np.round(-np.asarray(heading_deg) % 360.0, 9)

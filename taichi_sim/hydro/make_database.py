@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.config import ConfigError
-from taichi_sim.hydro.hull import FloatingHull, check_floating, divided
+from taichi_sim.hydro.floating_hull import FloatingHull, check_floating, divided
+from taichi_sim.hydro.frequency_sweep import Floating, database, solve_all
 from taichi_sim.hydro.offsets import compared
 from taichi_sim.hydro.panels import gap_lid, inner_lid, refined, wetted
-from taichi_sim.hydro.problem import Tank, solve
-from taichi_sim.hydro.run import Floating, database, solve_all
-from taichi_sim.hydro.surface import PLANES, WettedSurface, X, turned_matrix
+from taichi_sim.hydro.potential_flow import Tank, solve
+from taichi_sim.hydro.wetted_surface import PLANES, WettedSurface, X, turned_matrix
 from taichi_sim.usv.hull.database import HydroDatabase, hull_hash
 
 Array = NDArray[np.float64]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from taichi.math import vec3
 
 from taichi_sim.film.camera import Array, FilmCamera
-from taichi_sim.film.pen import Solids, Strokes
+from taichi_sim.film.primitives import Solids, Strokes
 from taichi_sim.film.water import COLUMNS
 from taichi_sim.recording.sea_patch import CREST, DEEP, FOAM, HAZE, SUN_ENU
 

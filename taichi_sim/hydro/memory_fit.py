@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from taichi_sim.hydro.run import CONTEXT, workers
+from taichi_sim.hydro.frequency_sweep import CONTEXT, workers
 from taichi_sim.usv.hull.memory import Memory
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from capytaine import FloatingBody, Mesh, ReflectionSymmetricMesh, rigid_body_do
 from capytaine.bem.engines import DefaultMatrixEngine
 from numpy.typing import NDArray
 
-from taichi_sim.hydro.surface import WettedSurface, mirrored
+from taichi_sim.hydro.wetted_surface import WettedSurface, mirrored
 
 MIRRORS = {0: "yOz", 1: "xOz"}  # capytaine's name of the plane normal to an axis
 
