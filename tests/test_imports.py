@@ -80,12 +80,9 @@ def sources(root: Path) -> dict[str, Path]:
 
 
 def imports(name: str, file: Path, known: set[str]) -> Iterator[str]:
-    """Modules of ours that a file imports, wherever in it the statement stands; types of its own package are free."""
+    """Modules of ours that a file imports, wherever in it the statement stands, and also if it is for types alone."""
     package = name if file.name == "__init__.py" else name.rpartition(".")[0]
-    tree = ast.parse(file.read_text(encoding="utf-8"))
-    typing = [n for n in ast.walk(tree) if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING"]
-    only_types = {id(node) for block in typing for statement in block.body for node in ast.walk(statement)}
-    for node in ast.walk(tree):
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             found = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -97,8 +94,7 @@ def imports(name: str, file: Path, known: set[str]) -> Iterator[str]:
             found = [full if full in known else base for full in inside]
         else:
             continue
-        ours = [target for target in found if target.split(".")[0] in PACKAGES]
-        yield from (t for t in ours if id(node) not in only_types or t.split(".")[0] != name.split(".")[0])
+        yield from (target for target in found if target.split(".")[0] in PACKAGES)
 
 
 def place(module: str) -> tuple[int, str] | None:

@@ -23,7 +23,6 @@ import sys
 import time
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +34,7 @@ from taichi_sim.kernels import runtime
 from taichi_sim.sea import SteepSeaError
 from taichi_sim.trials import flight, ship
 from taichi_sim.trials.basin import Setting
-from taichi_sim.trials.figures import Criterion, Outcome, TrialError, criteria
+from taichi_sim.trials.figures import Outcome, TrialError, TrialsReport, criteria
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.multirotor.params import MultirotorParams
 from taichi_sim.usv.vessel import Vessel
@@ -58,18 +57,6 @@ WINGS: dict[str, Callable[[FixedWingParams], Outcome]] = {
 ROTORS: dict[str, Callable[[MultirotorParams], Outcome]] = {
     "hover": flight.hover, "climb": flight.rise, "terminal": flight.terminal,
 }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class TrialsReport:
-    """Results of all trials of a craft."""
-
-    vehicle: str
-    kind: str
-    conditions: str
-    outcomes: list[Outcome]
-    criteria: list[Criterion]
-    length: float
 
 
 def pairs(text: str) -> Table:

@@ -6,18 +6,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichi_sim.plotting.page import blank, page, panel, paragraph, section, style, svg, table
-from taichi_sim.trials.figures import Outcome, Panel
+from taichi_sim.trials.figures import Outcome, Panel, TrialsReport
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from taichi_sim.commands.trials import TrialsReport
-
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 
 
-def page_of(report: "TrialsReport") -> str:
-    """HTML of a `trials.TrialsReport`, self-contained."""
+def page_of(report: TrialsReport) -> str:
+    """HTML of a `TrialsReport`, self-contained."""
     with style():
         parts = [section(out.title, _figures(out), _pictures(out)) for out in report.outcomes if not out.refused]
     if report.criteria:

@@ -103,6 +103,18 @@ class Criterion(NamedTuple):
         return self.value <= self.limit
 
 
+@dataclass(frozen=True)
+class TrialsReport:
+    """Results of all trials of a craft."""
+
+    vehicle: str
+    kind: str
+    conditions: str
+    outcomes: list[Outcome]
+    criteria: list[Criterion]
+    length: float
+
+
 def first_overshoot_limit(slowness: float) -> float:
     """Limit of the first overshoot of a 10/10 zigzag, rad; slowness is L / V (s).
 

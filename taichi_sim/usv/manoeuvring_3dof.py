@@ -38,7 +38,6 @@ from torch import Tensor
 
 from taichi_sim.config import ConfigError, Finite, NonNegative, Positive, Strict
 from taichi_sim.conventions import EAST, NORTH
-from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import fast
 from taichi_sim.kernels.abreast import taken, taken2
 from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, own_numbers
@@ -46,7 +45,7 @@ from taichi_sim.kernels.runtime import array2
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.plane import AT_ONCE, elevations, in_plane, planar, water_plane, wave_load, write_rates, write_state
 from taichi_sim.usv.vessel import Number, Vessel, steady_speed
-from taichi_sim.vehicle import Limits
+from taichi_sim.vehicle import Limits, Vehicles
 
 
 class Manoeuvring3dofParams(Strict):
@@ -255,7 +254,7 @@ class Manoeuvring3dof(Vessel):
             **{name: values[name] for name in DAMPING},
         )
 
-    def step(self, fleet: Fleet, around: Surroundings) -> None:
+    def step(self, fleet: Vehicles, around: Surroundings) -> None:
         """Advance by one control step."""
         fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))
 

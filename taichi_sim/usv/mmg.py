@@ -52,7 +52,6 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from taichi_sim.conventions import AHEAD, EAST, NORTH
-from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import fast
 from taichi_sim.kernels.abreast import taken, taken2
 from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, own_numbers
@@ -62,7 +61,7 @@ from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.mmg_params import HullDerivatives, HullPolynomial, MmgParams, Propeller, Rudder
 from taichi_sim.usv.plane import AT_ONCE, elevations, in_plane, planar, water_plane, wave_load, write_rates, write_state
 from taichi_sim.usv.vessel import RHO_AIR, Vessel, wind_forces
-from taichi_sim.vehicle import Limits
+from taichi_sim.vehicle import Limits, Vehicles
 
 V_LIMIT = 0.40  # limit of |v'| in X_vvvv, beyond which it would push kvlcc2 ahead; assumed
 R_LIMIT = 2.0  # limit of |r'| in Y_rrr, N_rrr; assumed
@@ -335,7 +334,7 @@ class Mmg3Dof(Vessel):
         """Load arrow of the thrust, at the propeller."""
         return {"thrust": ((self.params.propeller.x * self.params.length, 0.0, 0.0), ("thrust", None, None))}
 
-    def power(self, fleet: Fleet) -> Tensor:
+    def power(self, fleet: Vehicles) -> Tensor:
         """Thrust times the speed ahead [env, vehicle], W."""
         return fleet.aux[..., THRUST] * fleet.velocity_b[..., AHEAD]
 
@@ -349,7 +348,7 @@ class Mmg3Dof(Vessel):
         """Compute the kernel's numbers from `values`."""
         return numbers_of(values, self.params, self.dt)
 
-    def step(self, fleet: Fleet, around: Surroundings) -> None:
+    def step(self, fleet: Vehicles, around: Surroundings) -> None:
         """Advance by one control step."""
         fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))
 

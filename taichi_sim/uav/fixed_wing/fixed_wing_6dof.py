@@ -21,7 +21,6 @@ from torch import Tensor
 
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import DOWN, GRAVITY
-from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, lanes
 from taichi_sim.kernels.abreast import group, put, some, taken, taken1, taken2
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, own_numbers
@@ -38,7 +37,7 @@ from taichi_sim.uav.fixed_wing.equations import derivatives, stall_angles
 from taichi_sim.uav.fixed_wing.gains import gains, limits
 from taichi_sim.uav.fixed_wing.params import VARYING, FixedWingNumbers, FixedWingParams, aircraft_numbers
 from taichi_sim.uav.fixed_wing.trim import air_readings, largest_stable_dt, trim, trimmed
-from taichi_sim.vehicle import Limits, Number
+from taichi_sim.vehicle import Limits, Number, Vehicles
 
 AUX = (
     ("elevator", "aileron", "rudder", "throttle")
@@ -185,7 +184,7 @@ class FixedWing6DOF(Aircraft):
         radius = self.cruise.airspeed**2 / (GRAVITY * self.autopilot_limits.tan_bank)
         return Limits(self.autopilot_limits.speeds, radius)
 
-    def power(self, fleet: Fleet) -> Tensor | None:
+    def power(self, fleet: Vehicles) -> Tensor | None:
         """Propulsive power [env, vehicle], thrust times airspeed, W.
 
         Air and propeller are those of the vehicle file, times `gain` where that varies.
@@ -253,12 +252,12 @@ class FixedWing6DOF(Aircraft):
 
     # -- moving ----------------------------------------------------------------------------------------------------
 
-    def build(self, fleet: Fleet, around: Surroundings) -> Build:
+    def build(self, fleet: Vehicles, around: Surroundings) -> Build:
         """What the kernel is compiled for: the kind of air. The sea does not matter."""
         air = local_air.local_air(around.air, uneven=around.turbulence is not None)
         return Build(varied=fleet.varied, loaded=fleet.loaded, air=air, width=lanes.width(), serial=fleet.few)
 
-    def step(self, fleet: Fleet, around: Surroundings) -> None:
+    def step(self, fleet: Vehicles, around: Surroundings) -> None:
         """Advance one control step."""
         with abreast.vectors():
             fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))

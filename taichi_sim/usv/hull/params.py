@@ -8,7 +8,7 @@ and trim of a hull on panels. `restoring = "linear"` keeps the published G, so m
 from collections import namedtuple
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal, Protocol
 
 import numpy as np
 import torch
@@ -25,9 +25,6 @@ from taichi_sim.usv.mmg import DERIVATIVES, OF_PARTS, part_numbers, polynomial_n
 from taichi_sim.usv.mmg_params import MmgSection
 from taichi_sim.usv.vessel import RHO_AIR, Number, Windage
 from taichi_sim.vehicle import left_of
-
-if TYPE_CHECKING:
-    from taichi_sim.usv.hull.radiation import Radiation
 
 Diagonal = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
 Row = tuple[Finite, Finite, Finite, Finite, Finite, Finite]
@@ -315,8 +312,19 @@ def thruster_keys(p: Hull6DofParams) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return tuple(f"actuators.{name}.gain" for name in p.actuators), tuple(f"actuators.{n}.lag" for n in p.actuators)
 
 
+class AddedMass(Protocol):
+    """What numbers of a hull take of its radiation (radiation.py)."""
+
+    inertia: np.ndarray  # [6, 6] added mass that acts at once
+    counted: np.ndarray  # [6] linear damping that is counted elsewhere
+
+    def inertia_change(self, change: Sequence[Number]) -> Sequence[Number]:
+        """Changes of the diagonal by changes of the file's added mass."""
+        ...
+
+
 def hull_numbers(
-    p: Hull6DofParams, radiation: "Radiation", dt: float, values: Mapping[str, Number]
+    p: Hull6DofParams, radiation: AddedMass, dt: float, values: Mapping[str, Number]
 ) -> tuple[Number, ...]:
     """Compute the kernel's numbers of a hull for a step `dt` (s), from `values` (floats or float64 tensors)."""
     mass, cg = values[MASS], [values[key] for key in CG]
