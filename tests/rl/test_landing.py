@@ -14,9 +14,10 @@ from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario, make_mission
 from rl.missions.landing.boats import MESSAGE
 from rl.missions.landing.config import PilotConfig
-from rl.missions.landing.deck import KnownDeck, Look
 from rl.missions.landing.imagined import BLOWN, Foresight
 from rl.missions.landing.judge import OUTCOMES
+from rl.missions.landing.known_deck import KnownDeck
+from rl.missions.landing.marker import Look
 from rl.missions.landing.mission import Landing
 from rl.missions.landing.pilots import ABOVE, HIGH, MARGIN, SAMPLED, Pilot
 from rl.perception.due import BEGINS, GOES_ON

@@ -8,7 +8,10 @@ from torch import Tensor
 
 from rl.guidance.observations import squashed
 from rl.missions.landing import rewards
-from rl.missions.landing.deck import LAGS, DeckMotion, KnownDeck, Look, Marker, into_level
+from rl.missions.landing.deck_motion import DeckMotion
+from rl.missions.landing.known_deck import LAGS, KnownDeck
+from rl.missions.landing.level_frame import into_level
+from rl.missions.landing.marker import Look, Marker
 from rl.missions.landing.pilots import Pilot, corrected
 from rl.perception.due import Due
 from rl.perception.instruments import Readings

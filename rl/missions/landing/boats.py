@@ -19,7 +19,8 @@ from rl.guidance.controllers.vessel import CourseCommand
 from rl.guidance.geometry import TARGET_SIZE, Target, wrap
 from rl.guidance.observations import squashed
 from rl.missions.landing import rewards
-from rl.missions.landing.deck import DeckMotion, deck_motion, into_level
+from rl.missions.landing.deck_motion import DeckMotion, deck_motion
+from rl.missions.landing.level_frame import into_level
 from rl.perception.due import Due
 from rl.perception.instruments import Readings
 from rl.rewards import paid

@@ -1,7 +1,7 @@
 """The model in which an honest planner (rl/planning/planner.py) tries plans of the aircraft: what they know.
 
 The model has nominal aircraft at the states that they measure, a steady wind, exact instruments, and decks that move as
-foreseen, whatever stands on them. A deck is where the aircraft knows it to be (deck.py). How it goes on moving is
+foreseen, whatever stands on them. A deck is where the aircraft knows it to be (known_deck.py). How it goes on moving is
 foreseen from its past by autoregressive models (taichi_sim/forecast.py) of its velocity over its mean velocity, of roll
 and of pitch. What they foresee is joined to what is known now by an error that dies away, critically damped:
 

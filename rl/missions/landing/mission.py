@@ -3,8 +3,9 @@
 Aircraft i lands on boat i, modulo their number; several of one deck take turns (aircraft.py). An episode begins with
 the boats under way, or still, on courses of their own, and each aircraft in hover 20 to 60 m from its deck, anywhere
 around. An aircraft knows itself by its instruments, the deck by a camera that sees a marker on it from near and by what
-the boat tells by radio (boats.py), late and at times lost (deck.py). It has landed when all its soles have been on the
-deck for some seconds, and it came down softly (`[landing]`). Boats that take no part hold their course (boats.Helm).
+the boat tells by radio (boats.py), late and at times lost (known_deck.py). It has landed when all its soles have been
+on the deck for some seconds, and it came down softly (`[landing]`). Boats that take no part hold their course
+(boats.Helm).
 """
 
 import math

@@ -24,7 +24,8 @@ import torch
 from torch import Tensor
 
 from rl.missions.landing.config import PilotConfig
-from rl.missions.landing.deck import BLIND, out_of_level
+from rl.missions.landing.known_deck import BLIND
+from rl.missions.landing.level_frame import out_of_level
 from taichi_sim.conventions import BELOW, DOWN, GRAVITY
 from taichi_sim.forecast import Autoregression
 

@@ -1,47 +1,25 @@
-"""Decks: how the middle of each boat's deck moves, what an aircraft sees of the marker there, and what it knows of it.
+"""What each aircraft knows of its deck, by the marker, the boat's messages, and its own instruments between them.
 
-A camera is kept level by its gimbal. The marker is found where it lies in the field of view and in range, from above at
-no more than `steepest_deg` from the deck's normal, and not lost to a share `loss` + `spray` Hs of all looks. Then its
-direction has an error of a pixel each way, and its distance, by the size s of its picture,
-
-    sigma_r = r^2 sigma_pixel / s,
-
-r being the distance (the error of a length of r sigma_pixel, seen at the scale s / r; first order). What is seen in the
-camera's frame becomes a place by the aircraft's measured attitude, whose error is in it. Random numbers are counted
-(kernels/random.py): same seed, same bits.
-
-An aircraft knows its deck by the marker, by the boat's messages, and by its own instruments between them. The deck's
-place relative to the aircraft d, its velocity v and its acceleration a are the state of a Kalman filter (Gelb 1974, ch.
-4), the same for north, east and down. A deck swings about its mean velocity u (none down), with white jerk; the own
-velocity v_own is noisy:
+The deck's place relative to the aircraft d, its velocity v and its acceleration a are the state of a Kalman filter
+(Gelb 1974, ch. 4), the same for north, east and down. A deck swings about its mean velocity u (none down), with white
+jerk; the own velocity v_own is noisy:
 
     d' = v - v_own + OWN_NOISE,    v' = a,    a' = -SWING^2 (v - u) + JERK.
 
-Looks measure d. Messages measure v as it was when they were sent, u + (v - u) cos(SWING age) - a sin(SWING age) /
-SWING. They measure d, too, while no look has found the marker for `BLIND`: then by satellite navigation of both, whose
-errors are in it. Frame: NED.
+Looks (marker.py) measure d. Messages (boats.py) measure v as it was when they were sent, u + (v - u) cos(SWING age) -
+a sin(SWING age) / SWING. They measure d, too, while no look has found the marker for `BLIND`: then by satellite
+navigation of both, whose errors are in it. Frame: NED.
 """
 
-# Kernels are another language inside Python syntax.
-# pyright: reportInvalidTypeForm=false
+from typing import Any
 
-import math
-from typing import Any, NamedTuple
-
-import taichi as ti
 import torch
 from torch import Tensor
 
-from rl.missions.landing.config import MarkerConfig
-from rl.perception.due import NOT_DUE, Due
-from taichi_sim.conventions import BELOW, HEADING, PITCH, ROLL
-from taichi_sim.fleet import Views
-from taichi_sim.kernels import runtime
-from taichi_sim.kernels.random import CAMERA, normal6, uniform4
-from taichi_sim.kernels.runtime import array3, whole1
+from rl.missions.landing.marker import Look
+from rl.perception.due import Due
+from taichi_sim.conventions import HEADING, PITCH, ROLL
 
-DRAWN = 7  # numbers of a look: whether it is lost (uniform), six normal ones
-DRAW = 30.0  # ns of one aircraft, about
 BLIND = 1.0  # s after which a look no longer says where the deck is; assumed
 JERK = 4.0  # m/s^3, of a decision; assumed
 OWN_NOISE = 0.05  # m/s, of a decision; assumed
@@ -52,106 +30,6 @@ SWING = 1.4  # rad/s, of a small boat on waves; assumed
 MEAN = 5.0  # s, over which the mean velocity is averaged; assumed
 OLDEST = 3.0  # s: an older acceleration is not gone on with; assumed
 LAGS = (5, 10, 20)  # decisions: how long ago vertical speeds were that are remembered
-
-
-class DeckMotion(NamedTuple):
-    """Motion of the middle of each deck."""
-
-    place: Tensor  # [env, boat, 3] NED, m
-    velocity: Tensor  # [env, boat, 3] NED, m/s
-    R: Tensor  # [env, boat, 3, 3] R_nb
-    tilt: Tensor  # [env, boat] rad, of its normal to the vertical
-    heading: tuple[Tensor, Tensor]  # cosine and sine [env, boat]
-
-    @property
-    def down(self) -> Tensor:
-        """Normal of each deck, into it, [env, boat, 3] (NED)."""
-        return self.R[..., BELOW]
-
-    def of(self, boats: Tensor) -> "DeckMotion":
-        """Return the motion of the decks of `boats` [n], in that order."""
-        place, velocity, R, tilt = (x[:, boats] for x in self[:4])
-        return DeckMotion(place, velocity, R, tilt, (self.heading[0][:, boats], self.heading[1][:, boats]))
-
-
-def deck_motion(boats: Views, centre: Tensor) -> DeckMotion:
-    """Return the motion of the decks of `boats`; `centre` [3] (m, b) is the middle of a deck."""
-    R = boats.R_nb
-    arm = torch.linalg.cross(boats.angular_velocity_b, centre.expand_as(boats.angular_velocity_b), dim=-1)
-    place = boats.position_n + R @ centre
-    velocity = boats.velocity_n + (R @ arm.unsqueeze(-1)).squeeze(-1)
-    return DeckMotion(place, velocity, R, R[..., 2, 2].clamp(-1.0, 1.0).acos(), boats.heading)
-
-
-def into_level(vector: Tensor, heading: tuple[Tensor, Tensor]) -> Tensor:
-    """Rotate vectors [.., 3] from NED into the level frame (ahead, starboard, down) of a `heading` (cosine, sine)."""
-    c, s = heading
-    x, y, z = vector.unbind(-1)
-    return torch.stack((c * x + s * y, c * y - s * x, z), dim=-1)
-
-
-def out_of_level(vector: Tensor, heading: tuple[Tensor, Tensor]) -> Tensor:
-    """Rotate vectors [.., 3] from the level frame of a `heading` into NED; the inverse of `into_level`."""
-    c, s = heading
-    x, y, z = vector.unbind(-1)
-    return torch.stack((c * x - s * y, s * x + c * y, z), dim=-1)
-
-
-@ti.kernel
-def _draw(out: array3, which: whole1, draws: whole1, vehicles: ti.template(), serial: ti.template()):
-    ti.loop_config(serialize=serial)
-    for e, i in ti.ndrange(out.shape[0], out.shape[1]):
-        if which[e] != NOT_DUE:
-            u = uniform4(draws[1], CAMERA, draws[2 + e], vehicles + i, draws[0])
-            z = normal6(draws[1], CAMERA + 1, draws[2 + e], vehicles + i, draws[0])
-            out[e, i, 0] = u[0]
-            for k in ti.static(range(6)):
-                out[e, i, 1 + k] = z[k]
-
-
-class Look(NamedTuple):
-    """What the cameras see of their markers in one step, each [env, aircraft, ...]."""
-
-    found: Tensor  # bool
-    place: Tensor  # [.., 3] of the marker from the aircraft, NED as the aircraft has it, m
-    variance: Tensor  # of each component, m^2
-
-
-class Marker:
-    """The cameras of one team."""
-
-    def __init__(self, config: MarkerConfig, own: Views, tilt_noise: float, vehicles: int):
-        """Make the cameras of aircraft whose measured state is `own`.
-
-        `tilt_noise` (rad) is the standard deviation of measured roll and pitch. `vehicles` numbers the first aircraft
-        among the random numbers.
-        """
-        self.config, self._own, self._vehicles, self._tilt = config, own, vehicles, tilt_noise
-        self._drawn = own.state.new_zeros((*own.state.shape[:2], DRAWN))
-        self._launch = runtime.Launcher(_draw)
-
-    def look(self, true: Views, to: Tensor, down: Tensor, hs: Tensor, due: Due) -> Look:
-        """Look from aircraft with the `true` state at markers `to` [env, aircraft, 3] (m, NED) away.
-
-        down: [env, aircraft, 3] normals of the decks, into them. hs: [env] significant wave height, m.
-        """
-        c = self.config
-        self._launch(self._drawn, due.which, due.draws, self._vehicles, runtime.few(due.count * to.shape[1], DRAW))
-        chance, across_error, along_error, _ = self._drawn.split((1, 3, 1, 2), dim=-1)
-        r = to.norm(dim=-1).clamp(min=1e-3)
-        line = to / r.unsqueeze(-1)
-        (cos, sin), axis, (north, east, below) = true.heading, math.radians(c.axis_deg), line.unbind(-1)
-        bore = below * math.cos(axis) + math.sin(axis) * (cos * north + sin * east)
-        square = (line * down).sum(-1) >= math.cos(math.radians(c.steepest_deg))
-        lost = chance.squeeze(-1) < (c.loss + c.spray * hs).clamp(max=1.0).unsqueeze(-1)
-        found = (bore >= c.cos_half) & square & (r <= c.range) & (r >= c.nearest) & ~lost
-        pixel = math.radians(c.pixel_deg)
-        across, along = r * pixel, r * r * (pixel / c.size)
-        error = across.unsqueeze(-1) * across_error + along.unsqueeze(-1) * along_error * line
-        in_b = (true.R_nb.mT @ (to + error).unsqueeze(-1)).squeeze(-1)
-        place = (self._own.R_nb @ in_b.unsqueeze(-1)).squeeze(-1)
-        variance = across.square() + (r * self._tilt).square() + 0.33 * along.square()
-        return Look(found, place, variance)
 
 
 class KnownDeck:

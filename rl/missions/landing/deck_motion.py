@@ -1,0 +1,38 @@
+"""How the middle of each boat's deck moves."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from taichi_sim.conventions import BELOW
+from taichi_sim.fleet import Views
+
+
+class DeckMotion(NamedTuple):
+    """Motion of the middle of each deck."""
+
+    place: Tensor  # [env, boat, 3] NED, m
+    velocity: Tensor  # [env, boat, 3] NED, m/s
+    R: Tensor  # [env, boat, 3, 3] R_nb
+    tilt: Tensor  # [env, boat] rad, of its normal to the vertical
+    heading: tuple[Tensor, Tensor]  # cosine and sine [env, boat]
+
+    @property
+    def down(self) -> Tensor:
+        """Normal of each deck, into it, [env, boat, 3] (NED)."""
+        return self.R[..., BELOW]
+
+    def of(self, boats: Tensor) -> "DeckMotion":
+        """Return the motion of the decks of `boats` [n], in that order."""
+        place, velocity, R, tilt = (x[:, boats] for x in self[:4])
+        return DeckMotion(place, velocity, R, tilt, (self.heading[0][:, boats], self.heading[1][:, boats]))
+
+
+def deck_motion(boats: Views, centre: Tensor) -> DeckMotion:
+    """Return the motion of the decks of `boats`; `centre` [3] (m, b) is the middle of a deck."""
+    R = boats.R_nb
+    arm = torch.linalg.cross(boats.angular_velocity_b, centre.expand_as(boats.angular_velocity_b), dim=-1)
+    place = boats.position_n + R @ centre
+    velocity = boats.velocity_n + (R @ arm.unsqueeze(-1)).squeeze(-1)
+    return DeckMotion(place, velocity, R, R[..., 2, 2].clamp(-1.0, 1.0).acos(), boats.heading)
