@@ -222,7 +222,7 @@ class Mission(Stateful, Generic[C, T]):
         for team in self.teams.values():
             team.conclude(due)
 
-    def imagined(self, team: T) -> "Mission[C, T] | None":
+    def imagined(self, team: T) -> "Mission | None":
         """Return the model in which an honest planner (rl/planning) tries plans of a team: a mission with as many
         environments.
 

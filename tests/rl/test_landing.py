@@ -14,7 +14,7 @@ from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario, make_mission
 from rl.missions.landing.boats import MESSAGE
 from rl.missions.landing.config import PilotConfig
-from rl.missions.landing.imagined import BLOWN, Foresight
+from rl.missions.landing.foresight import BLOWN, Foresight
 from rl.missions.landing.judge import OUTCOMES
 from rl.missions.landing.known_deck import KnownDeck
 from rl.missions.landing.marker import Look
@@ -150,8 +150,9 @@ def test_an_honest_planner_believes_what_the_aircraft_know():
     moved, foreseen = mission.boats.deck.place - before, believed.boats.deck.place - way
     assert float((foreseen - moved).norm(dim=-1).mean()) < min(0.25, 0.5 * float(moved.norm(dim=-1).mean()))
     assert float((mine.fleet.velocity_n - team.fleet.velocity_n).abs().mean()) < 0.35
-    last = believed._ahead - 1 - int((believed.steps - believed.since)[0])
-    end, beyond = (believed.foreseen(last + more) for more in (0, 10))  # a deck goes on as it goes at the end
+    ways = believed.ways
+    last = ways.ahead - 1 - int((believed.steps - ways.since)[0])
+    end, beyond = (ways.foreseen(last + more) for more in (0, 10))  # a deck goes on as it goes at the end
     gone = (beyond[..., :3] - end[..., :3]).norm(dim=-1)
     assert torch.allclose(gone, 10 * mission.config.decision_interval * end[..., 7:10].norm(dim=-1), rtol=1e-3)
     assert torch.equal(beyond[..., 3:], end[..., 3:])
@@ -206,7 +207,7 @@ def test_the_wind_of_a_model_follows_a_gust_by_63_percent_in_the_time_of_its_ave
     gust, dt = torch.tensor([10.0, 0.0, 0.0]).expand(3, 1, 3), 0.1
     known = SimpleNamespace(velocity=gust, mean=gust, attitude=gust)
     touches, steps = torch.tensor([[False], [True], [False]]), torch.zeros(3, dtype=torch.int64)
-    team = SimpleNamespace(known_deck=known, touches=touches, mission=SimpleNamespace(steps=steps))
+    team = SimpleNamespace(known_deck=known, touches=touches, steps=steps)
     foresight = Foresight(torch.zeros(3), dt)
     monkeypatch.setattr(foresight, "_wind_of", lambda team: torch.zeros_like(gust))
     foresight.notice(team)

@@ -1,22 +1,25 @@
 """The aircraft of the mission: their position over their decks, their knowledge of it, and their landings."""
 
 import math
-from typing import Any
 
 import torch
 from torch import Tensor
 
 from rl.guidance.observations import squashed
 from rl.missions.landing import rewards
-from rl.missions.landing.deck_motion import DeckMotion
+from rl.missions.landing.config import LandingTeam
+from rl.missions.landing.deck_motion import DeckMotion, Decks
 from rl.missions.landing.known_deck import LAGS, KnownDeck
 from rl.missions.landing.level_frame import into_level
 from rl.missions.landing.marker import Look, Marker
+from rl.missions.landing.parts import Parts
 from rl.missions.landing.pilots import Pilot, corrected
 from rl.perception.due import Due
 from rl.perception.instruments import Readings
+from rl.perception.radio import Radio
 from rl.rewards import paid
-from rl.team import COLLIDED, Endings, Team
+from rl.step import COLLIDED, Endings
+from rl.team import Team
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import BELOW, DOWN
 from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
@@ -35,14 +38,15 @@ SQUARE = 1.5  # 1/s, at which it turns its nose square to the deck, for legs to 
 FAILED = ("hard", "toppled", "slid", "collided")  # ends of the mission, besides those of the vehicle
 
 
-class Aircraft(Team):
+class Aircraft(Team[Parts, LandingTeam]):
     """The team of aircraft, measured after each step; every tensor is [env, aircraft, ...].
 
     Aircraft i lands on boat i, modulo their number. Where there are more aircraft than boats, those of a deck take
     turns: each waits at a holding point of its own until the one before it is over, and has left the deck. One that has
-    landed lifts off again, and leaves to its holding point.
+    landed lifts off again, and leaves to its holding point. How they know their decks, a derived class says.
 
     Attributes:
+        model: of the vehicles. decks: the boats, as they are. boat_of: [aircraft] number of each one's boat.
         own: what they measure of themselves. known_deck: what they know of their decks.
         offset: [.., 3] from the deck's middle, b of the boat, m. height: of the soles above the deck, m.
         distance: from the deck's middle, level distance and height together, m. to_go, before: time to the deck's
@@ -65,8 +69,8 @@ class Aircraft(Team):
 
     logged = ("landed", "failed", "touch_error_m", "touch_speed")
 
-    def __init__(self, mission: Any, name: str):
-        """Prepare team `name`.
+    def __init__(self, mission: Parts, name: str, decks: Decks):
+        """Prepare team `name`, which lands on `decks`.
 
         Raises:
             ConfigError: for aircraft that are not multirotors with legs, commanded by velocities.
@@ -78,16 +82,11 @@ class Aircraft(Team):
             raise ConfigError(f"{told}: to land it must be a multirotor_6dof with [legs]")
         if model.actions != "velocity":
             raise ConfigError(f'{told} has control.actions = "{model.actions}": to land it needs "velocity"')
-        self._model, self.interval = model, config.decision_interval
-        number = list(config.teams).index(name)
+        self.model, self.decks, self.interval = model, decks, config.decision_interval
         boats = config.parts[config.landing.boats].count
         self.boat_of = torch.arange(self.fleet.count, device=state.device) % boats
         self.alone = self.fleet.count == boats
-        sensors = self.section.sensors
-        self.own = Readings(self.fleet, sensors, self.interval, 64 * number)
-        tilted = sensors.errors * math.radians(sensors.imu.attitude_noise_deg)
-        self._look: Look | None = None
-        self.marker = Marker(self.section.marker, self.own, tilted, 64 * number)
+        self.own = Readings(self.fleet, self.section.sensors, self.interval, config.first_number(name))
         self._known_deck = KnownDeck(state, self.interval)
         self.soles_below = float(model.soles(self.fleet)[..., BELOW].max())
         self._soles = state.new_tensor(model.legs.points)[:, :2]
@@ -116,7 +115,7 @@ class Aircraft(Team):
     @property
     def deck(self) -> DeckMotion:
         """The deck of each aircraft, the truth."""
-        deck = self.mission.boats.deck
+        deck = self.decks.deck
         return deck if self.alone else deck.of(self.boat_of)
 
     @property
@@ -147,9 +146,9 @@ class Aircraft(Team):
         return self.controller  # pyright: ignore[reportReturnType] (made above)
 
     @property
-    def _in_use(self) -> Any:
+    def _in_use(self) -> Pilot:
         """The pilot; its memory is part of the state, because it flies or is corrected."""
-        return self.controller
+        return self.pilot
 
     def restored(self) -> None:
         """Drop the pilot's velocity after a snapshot was restored."""
@@ -193,12 +192,13 @@ class Aircraft(Team):
         It does so in its turn to land when a sole is on the deck and, by its own estimate, all soles are over the deck
         and the aircraft is upright.
         """
-        known, half = self.known_deck, self.mission.boats.fleet.model.deck.half
+        known, deck = self.known_deck, self.decks.fleet.model.deck
+        assert deck is not None
         to = into_level(known.to, known.heading)[..., :2].unsqueeze(-2)
         c, s = (part.unsqueeze(-1) for part in self._turned)
         x, y = self._soles.unbind(-1)
         soles = torch.stack((c * x - s * y, s * x + c * y), dim=-1)  # [env, aircraft, leg, 2]
-        over = ((soles - to).abs() <= to.new_tensor(half)).all(-1).all(-1)
+        over = ((soles - to).abs() <= to.new_tensor(deck.half)).all(-1).all(-1)
         upright = (self.own.R_nb[..., BELOW] * known.down).sum(-1) > SITS
         return self.touches & over & upright & self.comes
 
@@ -256,7 +256,7 @@ class Aircraft(Team):
         Once a sole is on the deck and all are over it, the actions command full descent, so that the rotors idle. An
         aircraft whose turn it is not flies to its holding point.
         """
-        known, demands, touches = self.known_deck, self._model.demands, self.lets_go
+        known, demands, touches = self.known_deck, self.model.demands, self.lets_go
         idles = self.standing
         if not self.alone:
             comes = self.comes
@@ -281,7 +281,7 @@ class Aircraft(Team):
         level = torch.where(rises.unsqueeze(-1), known.velocity[..., :2], level)
         height = place.hold_height + STACKED * self.rank
         down = c.position * (self.pilot.height - height - own.position_n[..., DOWN])
-        demands = self._model.demands
+        demands = self.model.demands
         return torch.cat((level, down.clamp(-demands.climb, demands.descent).unsqueeze(-1)), dim=-1)
 
     def begin(self, envs: Tensor, bearing: Tensor) -> None:
@@ -299,7 +299,7 @@ class Aircraft(Team):
         self.offset = (deck.R.mT @ away.unsqueeze(-1)).squeeze(-1)
         self.height = -self.offset[..., BELOW] - self.soles_below
         level = self.offset[..., :2].norm(dim=-1)
-        above, demands = self.height.clamp(min=0.0), self._model.demands
+        above, demands = self.height.clamp(min=0.0), self.model.demands
         self.distance = torch.hypot(level, above)
         before, self.to_go = self.to_go, torch.hypot(level / demands.speed, above / demands.descent)
         self.before = torch.where(on, before, torch.where(fresh, self.to_go, self.before))
@@ -335,16 +335,12 @@ class Aircraft(Team):
         self.time = torch.where(fresh, 0.0, self.time + dt * (on & ~self.touched))
 
     def sense(self, due: Due) -> None:
-        """Read the instruments, and look at the markers."""
-        deck = self.deck
+        """Read the instruments."""
         self.own.read(due)
-        self._look = self.marker.look(self.fleet, deck.place - self.fleet.position_n, deck.down, self.mission.hs, due)
 
     def conclude(self, due: Due) -> None:
-        """Update the known decks by the looks and by the messages of the boats."""
-        assert self._look is not None
+        """Drop the pilot's velocity, for the aircraft know more."""
         self._wanted = None
-        self._known_deck.measure(due, self.own, self._look, self.mission.heard)
 
     @property
     def known_height(self) -> Tensor:
@@ -353,11 +349,11 @@ class Aircraft(Team):
 
     def _take_turns(self, on: Tensor, fresh: Tensor) -> None:
         """Update which aircraft are done, and whose turn it is, on decks that several aircraft share."""
-        over, ends = self.over & ~fresh, self._ends() | self._model.endings(self.fleet, self.mission.world)
+        over, ends = self.over & ~fresh, self._ends() | self.model.endings(self.fleet, self.mission.world)
         place = self.fleet.position_n
         apart = torch.cdist(place, place, compute_mode="donot_use_mm_for_euclid_dist")
         apart.diagonal(dim1=1, dim2=2).fill_(math.inf)
-        ends["collided"] = apart.amin(-1) < 2 * self._model.collision_radius
+        ends["collided"] = apart.amin(-1) < 2 * self.model.collision_radius
         self.failed = {name: ends[name] & on & ~over for name in self.failed}
         failed = torch.stack(list(self.failed.values())).any(0)
         landing = ends["landed"] & on & ~over & ~failed
@@ -478,3 +474,30 @@ class Aircraft(Team):
         if mission.config.varies:
             told.append(mission.world.truth[self.name])
         return torch.cat(told, dim=-1)
+
+
+class SensingAircraft(Aircraft):
+    """Aircraft that know their decks by the marker and the boats' messages."""
+
+    STATE = ()
+
+    def __init__(self, mission: Parts, name: str, decks: Decks, radio: Radio):
+        """Prepare team `name`, whose aircraft come after the boats of `decks` in `radio`."""
+        super().__init__(mission, name, decks)
+        sensors, first = self.section.sensors, decks.fleet.count
+        tilted = sensors.errors * math.radians(sensors.imu.attitude_noise_deg)
+        self.marker = Marker(self.section.marker, self.own, tilted, mission.config.first_number(name))
+        self._radio, self._receivers = radio, torch.arange(first, first + self.fleet.count, device=self.boat_of.device)
+        self._look: Look | None = None
+
+    def sense(self, due: Due) -> None:
+        """Read the instruments, and look at the markers."""
+        super().sense(due)
+        deck = self.deck
+        self._look = self.marker.look(self.fleet, deck.place - self.fleet.position_n, deck.down, self.mission.hs, due)
+
+    def conclude(self, due: Due) -> None:
+        """Update the known decks by the looks and by the messages of the boats."""
+        super().conclude(due)
+        assert self._look is not None
+        self._known_deck.measure(due, self.own, self._look, self._radio.heard[:, self._receivers, self.boat_of])

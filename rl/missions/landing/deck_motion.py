@@ -1,12 +1,13 @@
-"""How the middle of each boat's deck moves."""
+"""Boats with decks, and how the middle of each deck moves."""
 
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
+from taichi_sim.config import ConfigError
 from taichi_sim.conventions import BELOW
-from taichi_sim.fleet import Views
+from taichi_sim.fleet import Fleet, Views
 
 
 class DeckMotion(NamedTuple):
@@ -36,3 +37,32 @@ def deck_motion(boats: Views, centre: Tensor) -> DeckMotion:
     place = boats.position_n + R @ centre
     velocity = boats.velocity_n + (R @ arm.unsqueeze(-1)).squeeze(-1)
     return DeckMotion(place, velocity, R, R[..., 2, 2].clamp(-1.0, 1.0).acos(), boats.heading)
+
+
+class Decks:
+    """The decks of a fleet of boats, as they are.
+
+    Attributes:
+        fleet: the boats. centre: [3] middle of a deck, m, b. deck: its motion, as of the last `follow`.
+    """
+
+    STATE: tuple[str, ...] = ()
+
+    def __init__(self, fleet: Fleet):
+        """Follow the decks of `fleet`.
+
+        Raises:
+            ConfigError: if its vehicle has none.
+        """
+        if fleet.model.deck is None:
+            raise ConfigError(f"{fleet.name}.vehicle has no [deck] on which aircraft could land")
+        self.fleet, self.centre = fleet, fleet.state.new_tensor(fleet.model.deck.centre)
+        self.deck = deck_motion(fleet, self.centre)
+
+    def follow(self) -> None:
+        """Compute `deck` anew."""
+        self.deck = deck_motion(self.fleet, self.centre)
+
+    def restored(self) -> None:
+        """Compute the motion of the decks again after a snapshot was restored."""
+        self.follow()

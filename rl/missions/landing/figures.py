@@ -1,7 +1,6 @@
 """Pictures of landings: the last seconds in the deck's frame and in the world's, and of the training."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -10,6 +9,7 @@ from matplotlib.patches import Rectangle
 
 from rl.figures import save_figures, training_figures
 from rl.mission import Histories
+from rl.missions.landing.config import LandingScenario
 from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.plotting import INK, dress, new_figure, rgb
 from taichi_sim.recording import Episode
@@ -21,7 +21,9 @@ BEFORE, AFTER = 10.0, 2.0  # s about the first touch that are drawn
 AROUND = 2.5  # m about the deck's middle, likewise
 
 
-def write_landing_figures(out: Path, histories: Histories, episode: Episode | None, config: Any) -> list[Path]:
+def write_landing_figures(
+    out: Path, histories: Histories, episode: Episode | None, config: LandingScenario
+) -> list[Path]:
     """Write every figure that there are data for into `out`; an old one stays until the new one is complete."""
     figures = {} if episode is None else {"landing": landing_figure(episode, config)}
     return save_figures(out, figures | training_figures(histories, episode))
@@ -38,7 +40,7 @@ def over_deck(boats: TeamTrack, aircraft: TeamTrack, vehicle: int) -> tuple[Arra
     return np.einsum("tji,tj->ti", R, away), centre
 
 
-def landing_figure(episode: Episode, config: Any) -> Figure:
+def landing_figure(episode: Episode, config: LandingScenario) -> Figure:
     """The last seconds of the first aircraft: over the deck from above, and heights in the world."""
     parts = config.landing
     boats, aircraft = episode.teams[parts.boats], episode.teams[parts.aircraft]

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from rl.missions.landing.aircraft import Aircraft
-from rl.missions.landing.boats import Boats
+from rl.missions.landing.deck_motion import Decks
 from taichi_sim.conventions import DOWN
 from taichi_sim.recording.overlays import Lines, Overlay, Plot, Points
 
@@ -13,14 +13,14 @@ SIGHT, KNOWN = (255, 230, 140), (250, 120, 220)
 SHOWN_HEIGHT = 10.0  # m, higher up plots are cut off
 
 
-def overlays_of(boats: Boats, aircraft: Aircraft | None, env: int) -> tuple[Overlay, ...]:
+def overlays_of(boats: Decks, aircraft: Aircraft | None, env: int) -> tuple[Overlay, ...]:
     """Return all overlays of environment `env` for the present frame."""
 
     def frame(value: Tensor) -> NDArray[np.float64]:
         return value[env].double().cpu().numpy()[None].copy()
 
     deck = boats.deck
-    names = tuple(f"{boats.name}{k}" for k in range(boats.fleet.count))
+    names = tuple(f"{boats.fleet.name}{k}" for k in range(boats.fleet.count))
     drawn: list[Overlay] = [
         Plot(name="vertical speed of decks", unit="m/s", lines=names, values=frame(deck.velocity[..., DOWN])),
         Plot(name="tilt of decks", unit="rad", lines=names, values=frame(deck.tilt)),

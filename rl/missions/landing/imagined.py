@@ -1,48 +1,41 @@
 """The model in which an honest planner (rl/planning/planner.py) tries plans of the aircraft: what they know.
 
 The model has nominal aircraft at the states that they measure, a steady wind, exact instruments, and decks that move as
-foreseen, whatever stands on them. A deck is where the aircraft knows it to be (known_deck.py). How it goes on moving is
-foreseen from its past by autoregressive models (taichi_sim/forecast.py) of its velocity over its mean velocity, of roll
-and of pitch. What they foresee is joined to what is known now by an error that dies away, critically damped:
-
-    x(t) = AR(t) + (e + (e' + e / tau) t) exp(-t / tau),    e, e' at t = 0: x and x' as known, less those of AR.
-
-Until a model is ready, AR is zero. The wind is that in which the aircraft would have to lean as it does to hold its
-velocity, averaged. There are no waves: the model is `RAISED`, and an aircraft has met the water where it is below its
-boat's waterline. Plans keep the pilot's limits (pilots.py), as policies do. What is not known needs room: a landing in
-the model must be softer and more level than `[landing]` says (`MARGIN`), on a deck that is smaller (`INSIDE`).
+foreseen (foresight.py), whatever stands on them. A deck is where the aircraft knows it to be (known_deck.py). There are
+no waves: the model is `RAISED`, and an aircraft has met the water where it is below its boat's waterline. Plans keep
+the pilot's limits (pilots.py), as policies do. What is not known needs room: a landing in the model must be softer and
+more level than `[landing]` says (`MARGIN`), on a deck that is smaller (`INSIDE`).
 """
 
-from typing import Any
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
 
+from rl.mission import Mission
 from rl.missions.landing.aircraft import Aircraft
-from rl.missions.landing.boats import Boats
 from rl.missions.landing.config import LandingScenario
+from rl.missions.landing.deck_motion import Decks
+from rl.missions.landing.foresight import Foresight
+from rl.missions.landing.parts import Parts
 from rl.perception.contacts import SensorsConfig
 from rl.perception.due import Due
 from rl.perception.radio import RadioConfig
 from taichi_sim.config import SeaConfig
-from taichi_sim.conventions import ANGULAR_VELOCITY, BELOW, DOWN, HEADING, STATE_SIZE
-from taichi_sim.forecast import Autoregression
-from taichi_sim.kernels.rotation import torch_euler_from_rotation, torch_quaternion_from_euler, torch_rotation_matrix
+from taichi_sim.contact.contacts import Contacts, soles_in_deck
+from taichi_sim.conventions import ANGULAR_VELOCITY, BELOW, DOWN, POSITION, QUATERNION, STATE_SIZE, VELOCITY
+from taichi_sim.fleet import Fleet
+from taichi_sim.kernels.rotation import torch_euler_from_rotation, torch_rotation_matrix
 from taichi_sim.script import Script
-from taichi_sim.uav.aircraft import TrimError
-from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
-from taichi_sim.uav.multirotor.trim import trim
+from taichi_sim.state import transfer
+from taichi_sim.surroundings import Surroundings
 from taichi_sim.vehicle import Vehicle
+from taichi_sim.world import World
 
 RAISED = 100.0  # m, by which the model is higher than the world: out of reach of the sea and of its ground effect
-FORESEEN = 8.0  # s ahead for which a deck's motion is foreseen; beyond, it keeps its velocity; assumed
-SAMPLED = 4  # decisions between two samples of the autoregressive models; assumed
-ORDER = 8  # of them; assumed
-BLOWN = 2.0  # s, over which the wind is averaged; assumed
-JOINED, ALONE = 0.5, 1.2  # s, tau with a model that is ready, and without; assumed
 MARGIN = 0.6  # limits of a touchdown in the model over those of the world; assumed
 INSIDE = 0.1  # m, by which the deck's edges are nearer to its middle in the model; assumed
-SPEEDS = 24  # airspeeds of the table of leans
+ABOVE = 1e-3  # m, of the lowest sole above a deck in which it would be otherwise
 
 
 def imagined_scenario(config: LandingScenario, components: int) -> LandingScenario:
@@ -55,7 +48,7 @@ def imagined_scenario(config: LandingScenario, components: int) -> LandingScenar
         for name, section in config.parts.items()
     }
     landing = config.landing
-    softer = {key: MARGIN * getattr(landing, key) for key in ("hard_speed", "hard_tilt_deg")}
+    softer = {"hard_speed": MARGIN * landing.hard_speed, "hard_tilt_deg": MARGIN * landing.hard_tilt_deg}
     steady = {"speed": 0.0, "beaufort": None, "series": None, "std": 0.0, "turbulence_w20": 0.0, "gust": None}
     return config.model_copy(
         update={
@@ -69,23 +62,55 @@ def imagined_scenario(config: LandingScenario, components: int) -> LandingScenar
     )
 
 
-class Foreseen(Vehicle):
-    """A vessel that moves as `ImaginedLanding.way` (mission.py) says; no load moves it."""
+class Ways:
+    """The ways of all boats as they are foreseen.
 
-    def __init__(self, like: Vehicle, mission: Any):
+    Attributes:
+        table: [env, boat, k, 16] states of the boats k decisions after what is known was written, and the acceleration
+            of their decks (NED, m/s^2). since: int64 [env], decisions of the episode then.
+    """
+
+    STATE = ("table", "since")
+
+    def __init__(self, state: Tensor, steps: Tensor, interval: float, ahead: int):
+        """Hold `ahead` decisions, every `interval` s, of the boats of `state` [env, boat, 13].
+
+        `steps` int64 [env] are the decisions since the episode began.
+        """
+        self._steps, self.interval, self.ahead = steps, interval, ahead
+        self.table = state.new_zeros((*state.shape[:2], ahead, STATE_SIZE + 3))
+        self.since = torch.zeros_like(steps)
+
+    def foreseen(self, ahead: int) -> Tensor:
+        """The row [env, boat, 16] that is `ahead` decisions from now."""
+        k = self._steps - self.since + ahead
+        within = k.clamp(max=self.ahead - 1)
+        row = self.table[torch.arange(len(k), device=k.device), :, within]
+        beyond = (k - within).to(row) * self.interval
+        if bool((k > within).any()):
+            R = torch_rotation_matrix(row[..., QUATERNION])
+            gone = (R @ row[..., VELOCITY].unsqueeze(-1)).squeeze(-1) * beyond.view(-1, 1, 1)
+            row = torch.cat((row[..., POSITION] + gone, row[..., 3:]), dim=-1)
+        return row
+
+
+class Foreseen(Vehicle):
+    """A vessel that moves as foreseen; no load moves it."""
+
+    def __init__(self, like: Vehicle, ways: Ways):
         """Replace the model `like`: keep its actions, without effect, and make its deck smaller (`INSIDE`)."""
         super().__init__(like.params, like.dt, like.substeps)
-        self.action_names, self._mission = like.action_names, mission
+        self.action_names, self._ways = like.action_names, ways
         assert like.deck is not None
         x, y = (max(length - 2 * INSIDE, 0.5 * length) for length in like.deck.size)
         self.deck = like.deck.model_copy(update={"size": (x, y)})
 
-    def step(self, fleet: Any, around: Any) -> None:
+    def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Put the vessels where they are foreseen to be at the end of the step."""
-        fleet.state.copy_(self._mission.foreseen(1)[..., :STATE_SIZE])
+        fleet.state.copy_(self._ways.foreseen(1)[..., :STATE_SIZE])
         fleet.update()
 
-    def mobility(self, fleet: Any) -> Tensor:
+    def mobility(self, fleet: Fleet) -> Tensor:
         """Mobility 0: no load moves the vessel."""
         return torch.zeros((1, 1, 6, 6), dtype=torch.float64, device=fleet.state.device)
 
@@ -93,32 +118,31 @@ class Foreseen(Vehicle):
 class Adrift(Script):
     """Script that commands nothing; the boats move as foreseen."""
 
-    def __init__(self, boats: Boats):
-        """Command `boats`."""
-        self.name, self._boats = boats.name, boats
-
-    def __call__(self, world: Any) -> Tensor:
+    def __call__(self, world: World) -> Tensor:
         """Actions of 0, which have no effect."""
-        return torch.zeros_like(self._boats.fleet.action)
+        return torch.zeros_like(world.teams[self.name].action)
 
 
 class ImaginedAircraft(Aircraft):
     """Aircraft that know their decks exactly."""
 
+    STATE = ()
+
+    def __init__(self, mission: Parts, name: str, decks: Decks, ways: Ways):
+        """Prepare team `name`, which lands on `decks` that move along `ways`."""
+        super().__init__(mission, name, decks)
+        self._ways = ways
+
     def endings(self) -> dict[str, Tensor]:
         """Add `submerged`: soles are below the waterline of its boat."""
-        waterline = self.mission.boats.fleet.position_n[:, self.boat_of, DOWN]
+        waterline = self.decks.fleet.position_n[:, self.boat_of, DOWN]
         return super().endings() | {"submerged": self.fleet.position_n[..., DOWN] + self.soles_below > waterline}
-
-    def sense(self, due: Due) -> None:
-        """Read the instruments."""
-        self.own.read(due)
 
     def conclude(self, due: Due) -> None:
         """Set the aircraft's knowledge of the deck to the predicted motion."""
-        self._wanted = None
+        super().conclude(due)
         known, deck = self.known_deck, self.deck
-        rows = self.mission.foreseen(0)[:, self.boat_of]
+        rows = self._ways.foreseen(0)[:, self.boat_of]
         known.to, known.velocity = deck.place - self.fleet.position_n, deck.velocity
         known.acceleration, known.rates = rows[..., STATE_SIZE:], rows[..., ANGULAR_VELOCITY]
         known.attitude = torch_euler_from_rotation(deck.R)
@@ -128,114 +152,90 @@ class ImaginedAircraft(Aircraft):
         """Actions for the pilot's command plus a `correction`, always within the pilot's limits (Aircraft.planned)."""
         return super().planned(correction, self)
 
+    def go_on_from(self, team: Aircraft) -> None:
+        """Continue the episode of `team`."""
+        transfer(team.pilot, self.pilot)
+        self.pilot.height -= RAISED
+        self.touched, self.settled = team.touches | team.touched, team.settled.clone()
+        self.time, self.aborts, self.bearing = team.time.clone(), team.aborts.clone(), team.bearing.clone()
+        self.turns, self.landed, self.over = team.turns.clone(), team.landed.clone(), team.over.clone()
 
-class Foresight:
-    """Predictions that aircraft make of their decks, and their estimate of the wind.
+
+class ImaginedLanding(Mission[LandingScenario, ImaginedAircraft]):
+    """The model; see the module.
 
     Attributes:
-        wind: [env, aircraft, 3] velocity of the air (NED, m/s). interval: of decisions, s. steps: decisions foreseen.
+        ways: of the boats. boats: their decks. aircraft: the team. foresight: of decks and wind. hs: [env], 0.
     """
 
-    wind: Tensor
+    STATE = ("ways", "boats")
 
-    def __init__(self, centre: Tensor, interval: float):
-        """Predict decks whose middle is at `centre` [3] (m, b), for decisions every `interval` s."""
-        self._centre, self.interval, self.steps = centre, interval, round(FORESEEN / interval) + 1
-        self._memory: Autoregression | None = None
-        self._table: tuple[Tensor, float] | None = None
+    Config = LandingScenario
+
+    def make_teams(self, names: Sequence[str]) -> dict[str, ImaginedAircraft]:
+        """Replace the boats that sail by boats that move as foreseen, then make the aircraft."""
+        parts, dt, fleet = (
+            self.config.landing,
+            self.config.decision_interval,
+            self.world.teams[self.config.landing.boats],
+        )
+        self.foresight = Foresight(Decks(fleet).centre, dt)
+        self.ways = Ways(fleet.state, self.steps, dt, self.foresight.steps)
+        fleet.model = Foreseen(fleet.model, self.ways)
+        self.world.contacts = Contacts(self.world.teams, dt)
+        self.world.scripts[parts.boats] = Adrift(self.world, parts.boats)
+        self.boats, self.hs = Decks(fleet), fleet.state.new_zeros(self.num_envs)
+        self.aircraft = ImaginedAircraft(self, parts.aircraft, self.boats, self.ways)
+        return {parts.aircraft: self.aircraft}
+
+    def _alike(self, num_envs: int) -> "ImaginedLanding":
+        """Make another model of the same scenario, with the same model of the aircraft, whose kernels are compiled."""
+        other = type(self)(self.config, num_envs, seed=self.seed, teams=tuple(self.world.teams), source=self.source)
+        other.aircraft.fleet.model = self.aircraft.fleet.model
+        return other
+
+    def begin(self, envs: Tensor) -> None:
+        """No episode begins in the model: `believe` writes where all is."""
+
+    def truth(self, due: Due) -> None:
+        """Put the decks where they are foreseen; then measure the aircraft."""
+        self.boats.follow()
+        super().truth(due)
 
     def notice(self, team: Aircraft) -> None:
-        """Learn how decks move, as `team` knows them; once a decision."""
-        x, steps = _moves(team), team.mission.steps
-        now = self._wind_of(team)
-        if self._memory is None:
-            self._memory, self.wind = Autoregression(x, ORDER), now
-        begins = steps == 0
-        self._memory.begin(begins.nonzero().flatten())
-        self._memory.learn(x, (steps % SAMPLED == 0).view(-1, 1, 1))
-        dt = self.interval
-        share = torch.where(begins.view(-1, 1, 1), 1.0, dt / (BLOWN + dt))
-        share = torch.where(team.touches.unsqueeze(-1), 0.0, share)
-        self.wind = self.wind + share * (now - self.wind)
+        """Learn from what `team` knows of decks and wind; call once a decision."""
+        self.foresight.notice(team)
 
-    def _wind_of(self, team: Aircraft) -> Tensor:
-        """Estimate the wind [env, aircraft, 3] (NED, m/s) by the airspeed at which an aircraft leans that far."""
-        pilot, own = team.pilot, team.own
-        lean = torch.where(pilot.height.isnan().unsqueeze(-1), own.R_nb[..., BELOW], pilot.lean)[..., :2]
-        size = lean.norm(dim=-1)
-        leans, step = self._leans(team)
-        size = size.clamp(max=float(leans[-1])).contiguous()
-        at = torch.searchsorted(leans, size, right=True).clamp(1, len(leans) - 1)
-        low, high = leans[at - 1], leans[at]
-        airspeed = step * ((at - 1).to(size) + (size - low) / (high - low))
-        through = -airspeed.unsqueeze(-1) * lean / size.clamp(min=1e-6).unsqueeze(-1)
-        return torch.nn.functional.pad(own.velocity_n[..., :2] - through, (0, 1))
+    def believe(self, team: Aircraft) -> None:
+        """Write aircraft as `team` measures them, and decks as it foresees them, into the model."""
+        own, steps, fleet, everywhere = team.own, team.steps, self.aircraft.fleet, self._all
+        up = own.position_n.new_tensor((0.0, 0.0, -RAISED))
+        self.steps.copy_(steps)
+        self.ways.since.copy_(steps)
+        fleet.state.copy_(own.state)
+        fleet.state[..., POSITION] += up
+        fleet.aux.copy_(own.aux)
+        fleet.update()
+        assert fleet.touch is not None
+        fleet.touch.forget(everywhere)
+        assert self.world.contacts.placed is not None
+        self.world.contacts.placed.zero_()  # nobody begins inside a deck: `_clear`
+        wind = self.foresight.wind.mean(1) / self.world.wind.speed_factor(RAISED)  # one for an environment's aircraft
+        self.world.wind.set_mean(everywhere, wind)
+        ways = self.foresight.ways(team, own.position_n + up + team.known_deck.to)
+        self.ways.table.copy_(ways[everywhere.unsqueeze(1), team.turn])  # as the aircraft foresees it that lands there
+        self._clear()
+        self.measure_anew()
+        self.aircraft.go_on_from(team)
 
-    def _leans(self, team: Aircraft) -> tuple[Tensor, float]:
-        """Sines of the leans [n] of a nominal aircraft in level flight at airspeeds 0, step, 2 step ... (m/s)."""
-        if self._table is None:
-            model, sines = team.fleet.model, [0.0]
-            assert isinstance(model, Multirotor6DOF)
-            step = model.limits.speeds[2] / SPEEDS
-            for k in range(1, SPEEDS + 1):
-                try:
-                    found = trim(model.plan, (k * step, 0.0, 0.0))
-                except TrimError:
-                    break
-                sines.append(max(float(torch.tensor(found.tilt).sin()), sines[-1] + 1e-6))
-            self._table = team.fleet.state.new_tensor(sines), step
-        return self._table
-
-    def ways(self, team: Aircraft, place: Tensor) -> Tensor:
-        """Predict the boat of each aircraft at every decision from now on, [env, aircraft, steps, 16].
-
-        The columns are the boat's state and the acceleration of its deck (NED, m/s^2). The middle of the deck is now at
-        `place` [env, aircraft, 3] (NED, m).
-        """
-        known, dt, K = team.known_deck, self.interval, self.steps
-        x, slope = _moves(team), torch.cat((known.acceleration, known.rates[..., :2]), dim=-1)
-        t = dt * torch.arange(K, device=x.device, dtype=x.dtype)
-        told, ready = self._told(x, team.mission.steps)
-        now, soon = told[..., :2].unbind(-1)
-        e, e_rate = x - now, slope - (soon - now) / dt
-        tau = torch.where(ready, JOINED, ALONE)
-        dies = (e.unsqueeze(-1) + (e_rate + e / tau).unsqueeze(-1) * t) * (-t / tau.unsqueeze(-1)).exp()
-        path = (told + dies).transpose(-1, -2)  # [env, aircraft, k, 5]
-        velocity = path[..., :3] + known.mean.unsqueeze(-2)
-        moved = torch.zeros_like(velocity)
-        moved[..., 1:, :] = (0.5 * dt * (velocity[..., 1:, :] + velocity[..., :-1, :])).cumsum(-2)
-        faster = torch.gradient(velocity, spacing=dt, dim=-2)[0]
-        roll, pitch = path[..., 3:].unbind(-1)
-        heading = known.attitude[..., HEADING, None].expand_as(roll)
-        q = torch_quaternion_from_euler(roll, pitch, heading)
-        R = torch_rotation_matrix(q)
-        roll_rate, pitch_rate = torch.gradient(path[..., 3:], spacing=dt, dim=-2)[0].unbind(-1)
-        rates = torch.stack((roll_rate, roll.cos() * pitch_rate, -roll.sin() * pitch_rate), dim=-1)
-        centre = self._centre.to(x)
-        arm = torch.linalg.cross(rates, centre.expand_as(rates), dim=-1)
-        v_b = (R.mT @ velocity.unsqueeze(-1)).squeeze(-1) - arm
-        at = place.unsqueeze(-2) + moved - R @ centre
-        return torch.cat((at, q, v_b, rates, faster), dim=-1)
-
-    def _told(self, x: Tensor, steps: Tensor) -> tuple[Tensor, Tensor]:
-        """Return predictions [env, aircraft, 5, k] of the models, 0 where a model is not ready, and which are ready."""
-        K = self.steps
-        assert self._memory is not None
-        count = (K + SAMPLED) // SAMPLED + 2
-        nodes = torch.cat((self._memory.past[..., :2].flip(-1), self._memory.predict(count)), dim=-1)
-        late = (steps % SAMPLED).view(-1, 1)  # decisions since the last sample, which is node 1
-        where = 1 + (late + torch.arange(K, device=x.device)) / SAMPLED
-        first = where.floor().long()
-        s = (where - first).view(len(x), 1, 1, K).to(x)
-        first = first.view(len(x), 1, 1, K).expand(*x.shape, K)
-        a, b, c, d = (nodes.gather(-1, (first + k).clamp(max=nodes.shape[-1] - 1)) for k in (-1, 0, 1, 2))
-        # a cubic through b and c with the slopes of the chords over them (Catmull-Rom)
-        found = b + 0.5 * s * (c - a + s * (2 * a - 5 * b + 4 * c - d + s * (3 * (b - c) + d - a)))
-        ready = self._memory.ready
-        return torch.where(ready.unsqueeze(-1), found, 0.0), ready
-
-
-def _moves(team: Aircraft) -> Tensor:
-    """Known motion of each deck [env, aircraft, 5]: velocity relative to its mean (NED, m/s), roll and pitch (rad)."""
-    known = team.known_deck
-    return torch.cat((known.velocity - known.mean, known.attitude[..., :2]), dim=-1)
+    def _clear(self) -> None:
+        """Lower decks in which aircraft would begin by an error of what is known, until all soles are above them."""
+        fleet, way = self.boats.fleet, self.ways.table
+        fleet.state.copy_(way[:, :, 0, :STATE_SIZE])
+        depth = soles_in_deck(self.aircraft.fleet, self.world.contacts.carriers[0], self._all).to(way)
+        deep = depth.amax(1)  # [env, boat]
+        down = torch_rotation_matrix(fleet.state[..., QUATERNION])[..., BELOW]
+        shift = torch.where(deep > 0, deep + ABOVE, 0.0).unsqueeze(-1) * down
+        way[..., POSITION] += shift.unsqueeze(2)
+        fleet.state[..., POSITION] += shift
+        fleet.update()

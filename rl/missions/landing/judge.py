@@ -1,13 +1,17 @@
 """Measurements of landings: how they ended, how long they took, how the aircraft touched down."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rl.judge import Episodes, Judge
+from rl.judge import Episodes, Judge, Judged
+from rl.missions.landing.aircraft import Aircraft
+from rl.missions.landing.config import LandingScenario
+from rl.missions.landing.deck_motion import Decks
+from rl.step import Step
 from taichi_sim.conventions import DOWN
 
 OUTCOMES = ("landed", "hard", "toppled", "slid", "ditched", "struck", "collided", "late", "lost")
@@ -15,7 +19,26 @@ OUTCOMES = ("landed", "hard", "toppled", "slid", "ditched", "struck", "collided"
 NONE = -1
 
 
-class LandingJudge(Judge):
+class Landings(Judged, Protocol):
+    """What the judge reads of a mission."""
+
+    @property
+    def config(self) -> LandingScenario:
+        """The scenario."""
+        ...
+
+    @property
+    def boats(self) -> Decks:
+        """The boats, whether they take part or not."""
+        ...
+
+    @property
+    def aircraft(self) -> Aircraft | None:
+        """The aircraft, if they take part."""
+        ...
+
+
+class LandingJudge(Judge[Landings, LandingScenario]):
     """Measures outcomes and touchdowns of aircraft [env, aircraft], and the motion of the boats' decks."""
 
     goals = ("landed",)
@@ -48,7 +71,7 @@ class LandingJudge(Judge):
     }
     plotted = ("success_rate", "time_to_land_s", "touch_error_p95_m", "touch_speed_p95_m_s")
 
-    def __init__(self, mission: Any, team: str):
+    def __init__(self, mission: Landings, team: str):
         """Watch `team`."""
         super().__init__(mission, team)
         shape = self.collided.shape
@@ -58,11 +81,15 @@ class LandingJudge(Judge):
         self.aborts, self.work = np.zeros(shape), np.zeros(shape)
         self.speeds, self.tilts, self.steps = (np.zeros(shape[0]) for _ in range(3))
 
-    def see(self, step: Any, number: int) -> None:
+    @property
+    def _aircraft(self) -> Aircraft | None:
+        """The aircraft, where the judge measures them, not the boats."""
+        return self.mission.aircraft if self.flies else None
+
+    def see(self, step: Step, number: int) -> None:
         """Take decision `number` (from 1) into account; an aircraft counts until its episode ends."""
-        mission = self.mission
-        team, dt = mission.teams[self.name], mission.config.decision_interval
-        if self.flies:
+        team, dt = self._aircraft, self.mission.config.decision_interval
+        if team is not None:
             alive = self.outcome == NONE
             touching = team.touching.cpu().numpy() & alive
             self.time[touching] = number * dt
@@ -70,7 +97,8 @@ class LandingJudge(Judge):
             touched = team.touched.cpu().numpy() & alive
             self.speed[touched] = team.touch_speed.double().cpu().numpy()[touched]
             self.aborts[alive] = team.aborts.cpu().numpy()[alive]
-            power = team.fleet.model.power(team.fleet)
+            power = team.model.power(team.fleet)
+            assert power is not None
             self.work[alive] += dt * power.double().cpu().numpy()[alive]
             ended = step.endings[self.name]
             for key, flag in ended.items():
@@ -79,7 +107,7 @@ class LandingJudge(Judge):
                 self.outcome[now] = code
         else:
             alive = ~self.failed
-            deck = team.deck
+            deck = self.mission.boats.deck
             self.speeds[alive] += deck.velocity[..., DOWN].double().square().mean(-1).cpu().numpy()[alive]
             self.tilts[alive] += deck.tilt.double().square().mean(-1).cpu().numpy()[alive]
             self.steps[alive] += 1
@@ -87,17 +115,14 @@ class LandingJudge(Judge):
 
     def series(self) -> dict[str, Tensor]:
         """Heights and distances of aircraft, or the motion of boats' decks."""
-        team = self.mission.teams[self.name]
-        if not self.flies:
-            return {
-                "vertical speed of the deck (m/s)": team.deck.velocity[..., DOWN],
-                "tilt of the deck (rad)": team.deck.tilt,
-            }
+        team, deck = self._aircraft, self.mission.boats.deck
+        if team is None:
+            return {"vertical speed of the deck (m/s)": deck.velocity[..., DOWN], "tilt of the deck (rad)": deck.tilt}
         level = team.offset[..., :2].norm(dim=-1)
         return {"height above the deck (m)": team.height, "distance from its middle (m)": level}
 
     @classmethod
-    def episodes(cls, seen: Sequence[Any], config: Any) -> dict[str, NDArray[np.float64]]:
+    def episodes(cls, seen: Sequence[Self], config: LandingScenario) -> dict[str, NDArray[np.float64]]:
         """Add outcomes and touchdowns (means over aircraft), or the motion of decks, to the numbers of each episode."""
         common = super().episodes(seen, config)
         get = {
@@ -150,7 +175,7 @@ class LandingJudge(Judge):
         return np.stack([np.nan_to_num(of, nan=0.0) for of in bad])
 
     @classmethod
-    def loss(cls, episodes: Episodes, config: Any) -> NDArray[np.float64]:
+    def loss(cls, episodes: Episodes, config: LandingScenario) -> NDArray[np.float64]:
         """Loss of an episode. Aircraft: 10 if not landed, plus time to land and touchdown error. Boats: the deck's
         motion.
         """

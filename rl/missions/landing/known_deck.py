@@ -11,14 +11,13 @@ a sin(SWING age) / SWING. They measure d, too, while no look has found the marke
 navigation of both, whose errors are in it. Frame: NED.
 """
 
-from typing import Any
-
 import torch
 from torch import Tensor
 
 from rl.missions.landing.marker import Look
 from rl.perception.due import Due
 from taichi_sim.conventions import HEADING, PITCH, ROLL
+from taichi_sim.fleet import Views
 
 BLIND = 1.0  # s after which a look no longer says where the deck is; assumed
 JERK = 4.0  # m/s^3, of a decision; assumed
@@ -63,7 +62,7 @@ class KnownDeck:
         self._begun = like.new_tensor((FROM_RADIO, V_TOLD, BEGUN)).square().diag()
         self._covariance = self._begun.expand(*like.shape[:2], 3, 3).clone()  # of d, v and a
 
-    def measure(self, due: Due, own: Any, look: Look, heard: Tensor) -> None:
+    def measure(self, due: Due, own: Views, look: Look, heard: Tensor) -> None:
         """Update the filter in the environments that are `due`.
 
         own: the aircraft as it measures itself. heard: [env, aircraft, MESSAGE + 1] its boat's last message (boats.py),

@@ -18,16 +18,19 @@ It is slower while the aircraft leans far into the wind, because its airspeed is
 """
 
 import math
-from typing import Any
+from typing import Protocol
 
 import torch
 from torch import Tensor
 
 from rl.missions.landing.config import PilotConfig
-from rl.missions.landing.known_deck import BLIND
+from rl.missions.landing.known_deck import BLIND, KnownDeck
 from rl.missions.landing.level_frame import out_of_level
+from rl.perception.instruments import Readings
 from taichi_sim.conventions import BELOW, DOWN, GRAVITY
+from taichi_sim.fleet import Views
 from taichi_sim.forecast import Autoregression
+from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
 
 MEAN = 8.0  # s, over which "descend" averages the deck's velocity and height; assumed
 SAMPLED = 4  # decisions between two samples of the autoregressive model; assumed
@@ -42,6 +45,38 @@ EASED, LEAST = math.sin(math.radians(22.0)), 0.2  # lean from which this share o
 SINK, STEEP = 0.35, 1.0  # m/s, and 1/s times the height: the fastest that a policy sinks over the deck; assumed
 OVER, ABOVE = 0.2, 0.5  # m from the deck's middle where a policy may touch; height that it keeps beside it; assumed
 HIGH = 2.5  # m above the deck, where a policy stays that has not seen the marker for BLIND; assumed
+
+
+class Piloted(Protocol):
+    """What a pilot reads of its team (aircraft.py); tensors are [env, aircraft, ...]."""
+
+    model: Multirotor6DOF
+    own: Readings
+    soles_below: float
+
+    @property
+    def steps(self) -> Tensor:
+        """int64 [env], decisions since the episode began."""
+        ...
+
+    @property
+    def known_deck(self) -> KnownDeck:
+        """What each aircraft knows of its deck."""
+        ...
+
+    @property
+    def known_height(self) -> Tensor:
+        """Estimated height of the soles above the deck's plane, m."""
+        ...
+
+    @property
+    def wanted(self) -> Tensor:
+        """Velocity [.., 3] (NED, m/s) that the pilot wants now."""
+        ...
+
+    def flown(self, velocity: Tensor) -> Tensor:
+        """Actions that fly a velocity [.., 3] (NED, m/s)."""
+        ...
 
 
 class Pilot:
@@ -80,17 +115,17 @@ class Pilot:
             self.model.begin(envs)
             self.ahead[envs] = 0.0
 
-    def __call__(self, team: Any) -> Tensor:
+    def __call__(self, team: Piloted) -> Tensor:
         """Actions [env, aircraft, a] that fly the wanted velocity."""
         return team.flown(team.wanted)
 
-    def wanted(self, team: Any) -> Tensor:
+    def wanted(self, team: Piloted) -> Tensor:
         """Velocity [env, aircraft, 3] (NED, m/s) that the pilot wants now; its memory advances once a decision."""
         known, c = team.known_deck, self.config
-        since = self.interval * (team.mission.steps != self.asked).to(self.height).unsqueeze(-1)
-        self.asked = team.mission.steps.clone()
+        since = self.interval * (team.steps != self.asked).to(self.height).unsqueeze(-1)
+        self.asked = team.steps.clone()
         self._average(known, team.own, since)
-        lag, lead = c.lag, 1 / team.fleet.model.gains.velocity
+        lag, lead = c.lag, 1 / team.model.gains.velocity
         gaining, to, away = self._foreseen(team)
         r = to.norm(dim=-1)
         slow, most = c.position * r, (2 * c.braking * r).sqrt()
@@ -106,7 +141,7 @@ class Pilot:
         fall = {"descend": self._descend, "glide": self._glide, "forecast": self._forecast}[c.kind](team, away, since)
         return torch.cat((level, fall.unsqueeze(-1)), dim=-1)
 
-    def _foreseen(self, team: Any) -> tuple[Tensor, Tensor, Tensor]:
+    def _foreseen(self, team: Piloted) -> tuple[Tensor, Tensor, Tensor]:
         """Return the level parts of the deck's acceleration over the aircraft's own and of the way to the deck when a
         command has its effect, both [env, aircraft, 2] (m/s^2, m), and the longer of that way and the way now (m).
         """
@@ -123,7 +158,7 @@ class Pilot:
         """
         return ((EASED - lean) / (EASED - UPRIGHT)).clamp(LEAST, 1.0)
 
-    def limited(self, team: Any, velocity: Tensor, fastest: float) -> Tensor:
+    def limited(self, team: Piloted, velocity: Tensor, fastest: float) -> Tensor:
         """Return a policy's velocity [env, aircraft, 3] (NED, m/s) within the pilot's limits.
 
         The lower the aircraft is, the slower it sinks. It stays above the height that its lean to the deck (`_lift`)
@@ -143,7 +178,7 @@ class Pilot:
         over = (into - fastest * self._ease(lean)).clamp(min=0.0)
         return torch.cat((velocity[..., :2] - over.unsqueeze(-1) * wind, down.unsqueeze(-1)), dim=-1)
 
-    def _average(self, known: Any, own: Any, since: Tensor) -> None:
+    def _average(self, known: KnownDeck, own: Views, since: Tensor) -> None:
         """Update the averages of deck height, deck velocity and lean, `since` [env, 1] s after the last update."""
         height = known.to[..., DOWN] + own.position_n[..., DOWN]
         share = since / (MEAN + since)
@@ -157,18 +192,18 @@ class Pilot:
         self.lean = torch.where(fresh.unsqueeze(-1), own.R_nb[..., BELOW], lean)
         self.before = own.velocity_n.clone()
 
-    def _flared(self, team: Any, level: Tensor, away: Tensor) -> Tensor:
+    def _flared(self, team: Piloted, level: Tensor, away: Tensor) -> Tensor:
         """Velocity [.., 2] (m/s): `level`, or close above the deck one that turns the thrust to the deck's normal.
 
         Until then the thrust leans against the wind. The velocity command exceeds the own velocity by as much as makes
         the velocity loop ask for that change of thrust.
         """
-        push = GRAVITY * (self.lean - team.known_deck.down)[..., :2] / team.fleet.model.gains.velocity
+        push = GRAVITY * (self.lean - team.known_deck.down)[..., :2] / team.model.gains.velocity
         flares = (team.known_height < self.config.flare + self._lift(team)) & (away < 2 * self.config.near)
         return torch.where(flares.unsqueeze(-1), team.own.velocity_n[..., :2] + push, level)
 
     @staticmethod
-    def _lift(team: Any) -> Tensor:
+    def _lift(team: Piloted) -> Tensor:
         """Height (m) above the deck that the aircraft keeps until it is parallel to the deck."""
         upright = (team.own.R_nb[..., BELOW] * team.known_deck.down).sum(-1)
         return LIFT * (upright.clamp(-1.0, 1.0).acos() - STEEPEST).clamp(min=0.0)
@@ -177,7 +212,7 @@ class Pilot:
         self.ready = torch.where(r < 3 * self.config.near, self.ready + since, 0.0)
         return r < 2 * self.config.near
 
-    def _descend(self, team: Any, r: Tensor, since: Tensor) -> Tensor:
+    def _descend(self, team: Piloted, r: Tensor, since: Tensor) -> Tensor:
         """Velocity down (m/s) of the kind `descend`."""
         c = self.config
         self._near(r, since)
@@ -187,7 +222,7 @@ class Pilot:
         climb = torch.where(r > 5.0, climb.clamp(max=0.0), climb)  # it holds its height as it approaches
         return torch.where(self.down, torch.full_like(r, c.fall), climb.clamp(-2.0, 1.5))
 
-    def _matched(self, team: Any, least: Tensor) -> Tensor:
+    def _matched(self, team: Piloted, least: Tensor) -> Tensor:
         """Velocity down (m/s), matched to the deck's, that leads to the height `least` (m) above the deck."""
         c = self.config
         least = torch.maximum(least, self._lift(team))
@@ -196,9 +231,9 @@ class Pilot:
         sink = torch.where(least > 0, torch.minimum(sink, c.position * (height - least)), sink)
         return self._deck_falls(team) + sink
 
-    def _deck_falls(self, team: Any) -> Tensor:
+    def _deck_falls(self, team: Piloted) -> Tensor:
         """Return the deck's velocity down (m/s) at the time when a command has its effect."""
-        known, lead = team.known_deck, 1 / team.fleet.model.gains.climb + 0.5 * self.interval
+        known, lead = team.known_deck, 1 / team.model.gains.climb + 0.5 * self.interval
         return known.velocity[..., DOWN] + lead * known.acceleration[..., DOWN]
 
     def _cone(self, r: Tensor) -> Tensor:
@@ -206,13 +241,13 @@ class Pilot:
         c = self.config
         return torch.minimum(c.cone * (r - c.near).clamp(min=0.0), c.floor + c.slope * r)
 
-    def _glide(self, team: Any, r: Tensor, since: Tensor) -> Tensor:
+    def _glide(self, team: Piloted, r: Tensor, since: Tensor) -> Tensor:
         return self._matched(team, self._cone(r))
 
-    def _forecast(self, team: Any, r: Tensor, since: Tensor) -> Tensor:
+    def _forecast(self, team: Piloted, r: Tensor, since: Tensor) -> Tensor:
         c, known, model = self.config, team.known_deck, self.model
         assert model is not None and self.ahead is not None
-        due = (team.mission.steps % SAMPLED == 0).unsqueeze(-1) & (since > 0)
+        due = (team.steps % SAMPLED == 0).unsqueeze(-1) & (since > 0)
         model.learn(known.velocity[..., DOWN], due)
         self.ahead = torch.where(due.unsqueeze(-1), model.predict(self._steps), self.ahead)
         wider = 2.0 ** (self.waiting / c.patience).floor()

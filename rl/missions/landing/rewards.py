@@ -2,15 +2,18 @@
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Protocol
 
 import torch
 from pydantic import model_validator
 from torch import Tensor
 
+from rl.missions.landing.deck_motion import DeckMotion
 from rl.rewards import action_rate, coarse, penalty
+from rl.step import Endings
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.conventions import DOWN
+from taichi_sim.fleet import Fleet
 
 
 class AircraftReward(Strict):
@@ -56,12 +59,52 @@ def touchdown(settling: Tensor, error: Tensor, speed: Tensor, tilt: Tensor, w: A
     return torch.where(settling, (coarse(error, w.touch_error) + coarse(speed, w.touch_speed) + level) / 3, 0.0)
 
 
-def failure(ended: Any) -> Tensor:
+def failure(ended: Endings) -> Tensor:
     """-1 where an aircraft's episode has ended in any way but a landing."""
     return penalty(ended.any & ~ended["landed"])
 
 
-AIRCRAFT_TERMS: dict[str, Callable[[Any, Any, AircraftReward], Tensor]] = {
+class RewardedAircraft(Protocol):
+    """What the aircraft's terms read (aircraft.py); tensors are [env, aircraft, ...]."""
+
+    fleet: Fleet
+    interval: float
+    action: Tensor
+    previous_action: Tensor
+    distance: Tensor
+    to_go: Tensor
+    before: Tensor
+    touched: Tensor
+    settling: Tensor
+    touch_error: Tensor
+    touch_speed: Tensor
+    touch_tilt: Tensor
+
+
+class RewardedBoats(Protocol):
+    """What the boats' terms read (boat_team.py); tensors are [env, boat, ...]."""
+
+    fleet: Fleet
+    chosen: Tensor
+    chosen_before: Tensor
+
+    @property
+    def deck(self) -> DeckMotion:
+        """The motion of the decks."""
+        ...
+
+    @property
+    def swing(self) -> Tensor:
+        """Level speed of the deck relative to its mean velocity, m/s."""
+        ...
+
+    @property
+    def served(self) -> Tensor:
+        """Whether an aircraft of each boat has landed in this step."""
+        ...
+
+
+AIRCRAFT_TERMS: dict[str, Callable[[RewardedAircraft, Endings, AircraftReward], Tensor]] = {
     "closing": lambda team, ended, w: (team.before - team.to_go) / team.interval,
     "time": lambda team, ended, w: penalty(~team.touched),
     "touch": lambda team, ended, w: touchdown(team.settling, team.touch_error, team.touch_speed, team.touch_tilt, w),
@@ -71,11 +114,11 @@ AIRCRAFT_TERMS: dict[str, Callable[[Any, Any, AircraftReward], Tensor]] = {
 }
 """A weight's name -> its term, of aircraft (aircraft.py), their endings, and the weights."""
 
-BOAT_TERMS: dict[str, Callable[[Any, Any, BoatReward], Tensor]] = {
+BOAT_TERMS: dict[str, Callable[[RewardedBoats, Endings, BoatReward], Tensor]] = {
     "heave": lambda team, ended, w: -(team.deck.velocity[..., DOWN] / w.heave_scale).square(),
     "tilt": lambda team, ended, w: -(team.deck.tilt / w.tilt_scale).square(),
     "swing": lambda team, ended, w: -(team.swing / w.swing_scale).square(),
     "landed": lambda team, ended, w: team.served.to(team.swing),
     "action_rate": lambda team, ended, w: action_rate(team.chosen, team.chosen_before),
 }
-"""A weight's name -> its term, of boats (boats.py), their endings, and the weights."""
+"""A weight's name -> its term, of boats (boat_team.py), their endings, and the weights."""
