@@ -15,7 +15,7 @@ from rl.missions.escort import rewards
 from rl.missions.escort.both import LOGGED, endings_of, log_of
 from rl.missions.escort.parts import Parts
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
-from rl.perception.chart import Charted
+from rl.perception.charted_contacts import Charted
 from rl.perception.contacts import TrackedContacts
 from rl.perception.due import Due
 from rl.perception.instruments import Readings

@@ -1,0 +1,69 @@
+"""The nearest charted objects (chart.py) of a team of vessels. Frame: NED."""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
+import taichi as ti
+from torch import Tensor
+
+from rl.perception.chart import AGE, EAST, KEEP, NORTH, P_PP, V_EAST, V_NORTH, Chart
+from rl.perception.due import NOT_DUE, Due
+from rl.perception.radio import NEVER
+from rl.perception.sensors import Nearby, Sight, insert, store_obstacle
+from rl.perception.sightings import Object
+from taichi_sim.fleet import Views
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.runtime import array1, array3, array4, whole1
+
+VAGUE = 8.0  # m, standard deviation of a place: objects known less well are not evaded; assumed
+
+ChartedPack = ti.types.argpack(obstacles=array4, signals=array3)
+FromPack = ti.types.argpack(tracked=array4, objects=array3, state=array3, derived=array3, limits=array1)
+
+
+@ti.kernel
+def _nearest(out: ChartedPack, of: FromPack, which: whole1, sight: ti.template()):
+    ti.loop_config(serialize=sight.serial)
+    for e, i in ti.ndrange(of.state.shape[0], of.state.shape[1]):
+        if which[e] != NOT_DUE:
+            reach, vague, own = of.limits[0], of.limits[1], ti.cast(of.limits[2], ti.i32) + i
+            place = ti.Vector([of.state[e, i, a] for a in ti.static(range(3))])
+            count = ti.static(sight.obstacles)
+            distance = ti.Vector([reach] * ti.static(count + 1))
+            index = ti.Vector([-1] * ti.static(count + 1))
+            for k in range(of.tracked.shape[2]):
+                if of.tracked[e, own, k, AGE] < NEVER and of.tracked[e, own, k, P_PP] < vague:
+                    dx, dy = of.tracked[e, own, k, NORTH] - place[0], of.tracked[e, own, k, EAST] - place[1]
+                    d = ti.sqrt(dx * dx + dy * dy) - of.objects[e, k, Object.RADIUS]
+                    distance, index = insert(distance, index, d, k, count)
+            for k in ti.static(range(sight.obstacles)):
+                m = ti.max(index[k], 0)
+                there = ti.Vector([of.tracked[e, own, m, NORTH], of.tracked[e, own, m, EAST],
+                                   of.objects[e, m, Object.RADIUS], of.tracked[e, own, m, V_NORTH],
+                                   of.tracked[e, own, m, V_EAST]])  # fmt: skip
+                store_obstacle(out, of.derived, sight, e, i, k, distance[k], index[k], place, there, reach)
+
+
+class Charted:
+    """The nearest charted objects of one team of vessels, in the format of `Nearby`."""
+
+    def __init__(self, sensor: Nearby, chart: Chart, first: int, objects: Tensor, own: Views):
+        """Write into `sensor`'s tensors.
+
+        Args:
+            first: number of the team's first vehicle on the chart. objects: [env, object, 6] radius (m) in the last
+                column. own: measured state of the vessels.
+        """
+        state = own.state
+        self._of = runtime.Packed(
+            FromPack, tracked=chart.tracks, objects=objects, state=state,
+            derived=own.derived, limits=state.new_tensor([sensor.reach, VAGUE * VAGUE, first]),
+        )  # fmt: skip
+        self._out = runtime.Packed(ChartedPack, obstacles=sensor.obstacles, signals=sensor.written)
+        self._sight = Sight(sensor.num_obstacles, sensor.num_mates, sensor.axes)
+        self._rows, self._launch = state.shape[1] * objects.shape[1], runtime.Launcher(_nearest)
+
+    def write(self, due: Due) -> None:
+        """Write in the environments that are `due`."""
+        sight = self._sight._replace(serial=runtime.few(due.count * self._rows, KEEP))
+        self._launch(self._out(), self._of(), due.which, sight)
