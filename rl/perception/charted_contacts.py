@@ -1,4 +1,7 @@
-"""The nearest charted objects (chart.py) of a team of vessels. Frame: NED."""
+"""Contacts near the vessels of a team that has charts: team mates as tracked (contacts.py), obstacles from the chart.
+
+A chart (chart.py) holds what all have sighted. Frame: NED.
+"""
 
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false
@@ -7,6 +10,7 @@ import taichi as ti
 from torch import Tensor
 
 from rl.perception.chart import AGE, EAST, KEEP, NORTH, P_PP, V_EAST, V_NORTH, Chart
+from rl.perception.contacts import ContactsConfig, TrackedContacts
 from rl.perception.due import NOT_DUE, Due
 from rl.perception.radio import NEVER
 from rl.perception.sensors import Nearby, Sight, insert, store_obstacle
@@ -44,26 +48,32 @@ def _nearest(out: ChartedPack, of: FromPack, which: whole1, sight: ti.template()
                 store_obstacle(out, of.derived, sight, e, i, k, distance[k], index[k], place, there, reach)
 
 
-class Charted:
-    """The nearest charted objects of one team of vessels, in the format of `Nearby`."""
+class ChartedContacts(TrackedContacts):
+    """Contacts of one team of vessels that have a chart: obstacles are the nearest charted objects."""
 
-    def __init__(self, sensor: Nearby, chart: Chart, first: int, objects: Tensor, own: Views):
-        """Write into `sensor`'s tensors.
+    STATE = ()
+
+    def __init__(
+        self, config: ContactsConfig, sensor: Nearby, fleet: Views, own: Views, interval: float, vehicles: int, *,
+        chart: Chart, first: int, objects: Tensor,
+    ):  # fmt: skip
+        """Measure as `TrackedContacts` do, and read `chart`.
 
         Args:
             first: number of the team's first vehicle on the chart. objects: [env, object, 6] radius (m) in the last
-                column. own: measured state of the vessels.
+                column.
         """
-        state = own.state
-        self._of = runtime.Packed(
-            FromPack, tracked=chart.tracks, objects=objects, state=state,
-            derived=own.derived, limits=state.new_tensor([sensor.reach, VAGUE * VAGUE, first]),
+        super().__init__(config, sensor, fleet, own, interval, vehicles)
+        self._charted = runtime.Packed(
+            FromPack, tracked=chart.tracks, objects=objects, state=own.state, derived=own.derived,
+            limits=own.state.new_tensor([self.reach, VAGUE * VAGUE, first]),
         )  # fmt: skip
-        self._out = runtime.Packed(ChartedPack, obstacles=sensor.obstacles, signals=sensor.written)
-        self._sight = Sight(sensor.num_obstacles, sensor.num_mates, sensor.axes)
-        self._rows, self._launch = state.shape[1] * objects.shape[1], runtime.Launcher(_nearest)
+        self._nearest = runtime.Packed(ChartedPack, obstacles=self.obstacles, signals=self.written)
+        self._sight = Sight(self.num_obstacles, self.num_mates, self.axes)
+        self._each, self._find = own.state.shape[1] * objects.shape[1], runtime.Launcher(_nearest)
 
-    def write(self, due: Due) -> None:
-        """Write in the environments that are `due`."""
-        sight = self._sight._replace(serial=runtime.few(due.count * self._rows, KEEP))
-        self._launch(self._out(), self._of(), due.which, sight)
+    def update(self, due: Due) -> None:
+        """Measure, and read the chart, in the environments that are `due`."""
+        super().update(due)
+        sight = self._sight._replace(serial=runtime.few(due.count * self._each, KEEP))
+        self._find(self._nearest(), self._charted(), due.which, sight)

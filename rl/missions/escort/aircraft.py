@@ -38,6 +38,7 @@ from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 
 SEARCH_PITCH, SEARCH_SPEED = 1.0, 0.5  # of the circle's radius; of the cruising speed, along the spiral; assumed
 SCOUT_SPEED = 25.0  # m/s; assumed
+FASTER = 1e6  # m/s, each way, than any command
 SEARCHES = 1.5  # radii of the circle from the vessel's expected place, within which a search begins; assumed
 
 
@@ -176,7 +177,7 @@ class MeasuredAircraft:
 
     Attributes:
         fleet: own state as measured. orbit: the circle to fly.
-        now: slot errors; only the velocity of the slot is used, and the controller writes it.
+        now: slot errors; only the velocity of the slot is used, `FASTER`: no slot holds an aircraft back that evades.
         centre, centre_velocity: [env, aircraft, 2] the vessel's place (m) and velocity (m/s) as each aircraft knows
             them; during a search, the place that it searches.
         believed: [env, aircraft, 2] the place that a camera on a gimbal looks at, m.
@@ -185,7 +186,7 @@ class MeasuredAircraft:
         target: the tangent of the circle at each aircraft. circle: writes what they know, and observations of it.
     """
 
-    STATE = ("target", "now", "centre_velocity", "gap_error", "height_error", "sensor", "_boats", "_farthest")
+    STATE = ("target", "centre_velocity", "gap_error", "height_error", "sensor", "_boats", "_farthest")
 
     axes = EscortAircraft.axes
     radio = None
@@ -196,6 +197,7 @@ class MeasuredAircraft:
         self._team, self.fleet = team, team.own
         self.radius, self.orbit = team.radius, team.orbit
         self.now, self.slot_table = SlotErrors(state, self.axes), state.new_zeros((*state.shape[:2], SLOT_SIZE))
+        self.now.slot_velocity.fill_(FASTER)
         self.target = Target(state.new_zeros((*state.shape[:2], TARGET_SIZE)), team.fleet.position_n[:, 0])
         self.sensor = TrackedContacts(
             team.section.sensors.scaled_contacts, team.sensor, team.fleet, self.fleet, team.interval, number

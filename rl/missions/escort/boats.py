@@ -15,8 +15,7 @@ from rl.missions.escort import rewards
 from rl.missions.escort.both import LOGGED, endings_of, log_of
 from rl.missions.escort.parts import Parts
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
-from rl.perception.charted_contacts import Charted
-from rl.perception.contacts import TrackedContacts
+from rl.perception.charted_contacts import ChartedContacts
 from rl.perception.due import Due
 from rl.perception.instruments import Readings
 from rl.perception.sensors import Sensor
@@ -186,11 +185,10 @@ class MeasuredBoats:
         table = tracking.of(team.name, tracking.targets).contiguous().clone()
         self.now = Geometry(self.fleet, table, 0.0, team.slot_table, team.axes, about=True)
         self.target = Target(table, self.now.slot[:, 0])
-        self.sensor = TrackedContacts(
-            team.section.sensors.scaled_contacts, team.sensor, team.fleet, self.fleet, team.interval, number
-        )
-        first = tracking.groups[team.name].first
-        self._charted = Charted(self.sensor, tracking.chart, first, tracking.objects, self.fleet)
+        self.sensor = ChartedContacts(
+            team.section.sensors.scaled_contacts, team.sensor, team.fleet, self.fleet, team.interval, number,
+            chart=tracking.chart, first=tracking.groups[team.name].first, objects=tracking.objects,
+        )  # fmt: skip
 
     @property
     def steps(self) -> Tensor:
@@ -203,4 +201,3 @@ class MeasuredBoats:
         self.target.table.copy_(tracking.of(self._team.name, tracking.targets))
         self.now.measure(due)
         self.sensor.update(due)
-        self._charted.write(due)

@@ -402,7 +402,6 @@ class OrbitController(SlotController):
         down = (loops.height * team.height_error).clamp(-limits.climb, limits.climb)
         level = team.centre_velocity + s.unsqueeze(-1) * d
         direct = torch.cat((level, down.unsqueeze(-1)), dim=-1)
-        team.now.slot_velocity.copy_(direct)
         velocity = self.flight.avoid(team, direct)
         moves = v[..., :2] - team.centre_velocity
         turn = (moves * e_theta).sum(-1) / r + 2 * sigma * R / square * (moves * e).sum(-1)
