@@ -369,10 +369,11 @@ class OrbitController(SlotController):
 
     STATE = ()
     Gains = OrbitGains
+    gains: OrbitGains
 
     def __init__(self, model: FixedWing6DOF, gains: OrbitGains | None = None):
         """Derive gains from those of the autopilot."""
-        self.gains = gains or self.Gains()
+        self.gains = gains or OrbitGains()
         self.flight = FixedWing6DofController(model, self.gains)
 
     def act(self, team: Knowledge, wanted: FlightCommand) -> Tensor:
