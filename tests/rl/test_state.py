@@ -39,6 +39,7 @@ SCRATCH = (
     ".members['rests']",
     "._which",
     ".marker._drawn",
+    "._look[",
     ".members['way']",
     ".members['place']",
     "].before",
