@@ -9,12 +9,16 @@ first axis is the target's course. The slot moves with the leader, swings about 
 the formation changes. With `about`, all slots, the leader's too, are offsets from the target.
 
 Errors are vectors in n, and in the vehicle's own frame: its body frame (3 axes), or the heading frame (2: ahead,
-starboard), which stays level.
+starboard), which stays level. Each vehicle also remembers its mean error, which tells it what wind, current and its own
+craft ask for. With e the error, d its length, dt the interval and T = `DRIFT_TIME`,
+
+    m <- m + (1 - exp(-dt / T)) (e / (d + DRIFT_SCALE) - m),    m = 0 before an episode.
 """
 
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false
 
+import math
 from typing import NamedTuple
 
 import taichi as ti
@@ -35,6 +39,7 @@ from taichi_sim.randomisation.conditions import bounds
 NORTH, EAST, DOWN, COURSE, COS, SIN, COURSE_RATE, SPEED, TARGET_SIZE = range(9)
 TARGET_SPEED, INTERVAL, WIND_FACTOR, OVER_AIR = range(4)  # parameters of the kernel
 
+DRIFT_TIME, DRIFT_SCALE = 10.0, 1.0  # s, m, of the mean error; assumed
 POINT = 60.0  # ns of one target, about
 SIGMAS = 3.0  # standard deviations of the slow variation in the strongest wind
 LEAST_SHARE = 0.2  # of the airspeed, the least speed over ground; assumed: the wind must leave that much
@@ -157,7 +162,7 @@ MEASURE = 60.0  # ns per vehicle, about
 
 # Columns of the table of errors, each three wide, except sights (distance and direction).
 SLOT, SLOT_VELOCITY, ERROR, ERROR_RATE, ERROR_B, ERROR_RATE_B, COURSE_B = range(0, 21, 3)
-SIGHT, PREVIOUS_SIGHT, ERRORS_SIZE = 21, 25, 29
+SIGHT, PREVIOUS_SIGHT, DRIFT, ERRORS_SIZE = 21, 25, 29, 32
 DISTANCE, REACH, TOTAL = range(3)  # columns of single numbers
 
 # Columns of the table of slots, two each (ahead, starboard): offset (m), its rate (m/s), its goal (m).
@@ -173,6 +178,7 @@ class ErrorsForm(NamedTuple):
     axes: int  # of the vehicle's own frame
     heard: bool  # followers know their leader from radio messages (rl/perception/radio.py)
     about: bool  # slots are offsets from the target, not from the leader
+    forgets: float  # share of the mean error that the newest one replaces
     serial: bool  # run on the calling thread
 
 
@@ -252,6 +258,9 @@ def _measure(out: ErrorsPack, team: TeamPack, which: whole1, form: ti.template()
                 out.table[e, i, ERROR + a], out.table[e, i, ERROR_RATE + a] = error[a], rate[a]
                 out.table[e, i, ERROR_B + a], out.table[e, i, ERROR_RATE_B + a] = error_b[a], rate_b[a]
                 out.table[e, i, COURSE_B + a] = course_b[a]
+                mean = ti.select(which[e] == GOES_ON, out.table[e, i, DRIFT + a], 0.0)
+                now = error[a] / (distance + ti.static(DRIFT_SCALE))
+                out.table[e, i, DRIFT + a] = mean + ti.static(form.forgets) * (now - mean)
             look(out.table, e, i, which[e], distance, error_b)
             total = distance
             for k in ti.static(range(13)):
@@ -280,6 +289,7 @@ class SlotErrors:
         error, error_rate: [.., 3] slot minus vehicle, NED, m and m/s. distance: [..] length of `error_b`, m.
         error_b, error_rate_b, course_b: [.., axes] error, its rate, and the unit vector of the target's course, in the
             vehicle's own frame.
+        drift: [.., 3] mean error, NED, squashed, see the module.
         sight, previous_sight: [.., 1 + axes] squashed distance and unit direction in its own frame, as of the last
             step and of the one before.
         reach: [..] m, the greater of |north| and |east| of the vehicle. total: [..] a sum of all measurements and of
@@ -297,7 +307,7 @@ class SlotErrors:
         self.slot, self.slot_velocity = self._view(SLOT, 3), self._view(SLOT_VELOCITY, 3)
         self.error, self.error_rate = self._view(ERROR, 3), self._view(ERROR_RATE, 3)
         self.error_b, self.error_rate_b = self._view(ERROR_B, axes), self._view(ERROR_RATE_B, axes)
-        self.course_b = self._view(COURSE_B, axes)
+        self.course_b, self.drift = self._view(COURSE_B, axes), self._view(DRIFT, 3)
         self.sight, self.previous_sight = self._view(SIGHT, 1 + axes), self._view(PREVIOUS_SIGHT, 1 + axes)
 
     def _view(self, first: int, width: int) -> Tensor:
@@ -310,16 +320,17 @@ class Geometry(SlotErrors):
     STATE = ()
 
     def __init__(
-        self, fleet: Views, target: Tensor, down: float, slots: Tensor, axes: int, heard: Tensor | None = None, *,
-        about: bool = False,
+        self, fleet: Views, target: Tensor, down: float, slots: Tensor, axes: int, interval: float,
+        heard: Tensor | None = None, *, about: bool = False,
     ):  # fmt: skip
-        """Measure `fleet` against the table `target` at `down` (m) and the table of `slots`.
+        """Measure `fleet` every `interval` (s) against the table `target` at `down` (m) and the table of `slots`.
 
         Followers know their leader from the messages `heard` (rl/perception/radio.py); None: exactly. With `about`,
         slots are offsets from the target.
         """
         state = fleet.state
         super().__init__(state, axes, about=about)
+        self._forgets = -math.expm1(-interval / DRIFT_TIME)
         self._heard, self._rows, self._launch = heard is not None, state.shape[1], runtime.Launcher(_measure)
         self._errors = runtime.Packed(ErrorsPack, table=self.table, plain=self._plain)
         self._team = runtime.Packed(
@@ -329,7 +340,8 @@ class Geometry(SlotErrors):
 
     def measure(self, due: Due) -> None:
         """Measure in the environments that are `due`."""
-        form = ErrorsForm(self.axes, self._heard, self.about, runtime.few(due.count * self._rows, MEASURE))
+        serial = runtime.few(due.count * self._rows, MEASURE)
+        form = ErrorsForm(self.axes, self._heard, self.about, self._forgets, serial)
         self._launch(self._errors(), self._team(), due.which, form)
 
 

@@ -6,8 +6,9 @@ the error and its rate as vectors, own velocity, attitude and rates, the target'
 (1 of the leader, 0 of followers), and the offset of the own slot from the leader now (ahead and to starboard in the
 path frame) instead of the name of a formation. Aircraft with air data also observe airspeed and wind; vehicles with a
 radio observe the age of their leader's last message. Every term is as the vehicle knows it (knowledge.py). A residual
-policy also observes what it corrects, "reference". Directions are in the body frame (of USVs: its horizontal part), so
-a policy needs no compass. No width depends on the size of the team.
+policy also observes what it corrects, "reference"; a policy that acts alone has no controller that remembers, and
+observes "drift", its mean error (geometry.py). Directions are in the body frame (of USVs: its horizontal part), so a
+policy needs no compass. No width depends on the size of the team.
 
 "encounters" predicts how the vehicle will pass each obstacle and team mate if it keeps its motion, and how its slot
 will pass each obstacle if the formation keeps its own. An encounter is the distance ahead, the distance aside (to
@@ -31,6 +32,7 @@ from rl.guidance.geometry import (
     COURSE_B,
     COURSE_RATE,
     DISTANCE_SCALE,
+    DRIFT,
     ERROR,
     ERROR_B,
     ERROR_RATE_B,
@@ -48,11 +50,13 @@ from rl.perception.radio import Message
 from rl.perception.sensors import Mate, Obstacle
 from taichi_sim.conventions import ROLL_RATE, SURGE
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.rotation import DOWN
 from taichi_sim.kernels.runtime import array1, array3, array4
 from taichi_sim.vehicle import Vehicle
 
 SPEED_SCALE = 10.0  # m/s: squashed speeds are half way to 1 here
+DRIFT_FACTOR = 3.0  # the mean error of a vehicle near its slot is a small share
 RATE_SCALE = 2.0  # rad/s, rotation of the vehicle
 TURN_SCALE = 0.1  # rad/s, of the target's course
 AGE_SCALE = 1.0  # s, age of the last message
@@ -98,7 +102,8 @@ def widths(form: ObservationForm) -> dict[str, int]:
     n = form.axes
     terms = {"sight": 1 + n, "previous_sight": 1 + n, "surroundings": form.signals}
     if form.full:
-        terms |= {"error": n, "error_rate": n, "velocity": 3, "down": 3, "rates": 3, "target_course": n}
+        terms |= {"error": n, "error_rate": n} | ({} if form.residual else {"drift": n})
+        terms |= {"velocity": 3, "down": 3, "rates": 3, "target_course": n}
         terms |= {"target_turn": 1, "previous_action": form.actions, "role": 1, "offset": 2}
         terms |= {"encounters": 2 * MEETING * form.obstacles + MEETING * form.mates}
     if form.full and form.air:
@@ -148,6 +153,10 @@ def put_own(out: ti.template(), e, i, seen: ti.template(), action: ti.template()
     n = ti.static(form.axes)
     put_squashed(out, e, i, form.at.error, n, seen.table, ERROR_B, DISTANCE_SCALE)
     put_squashed(out, e, i, form.at.error_rate, n, seen.table, ERROR_RATE_B, SPEED_SCALE)
+    if ti.static(not form.residual):
+        mean = own_frame(seen.derived, e, i, n, taken(seen.table, e, i, DRIFT, 3))
+        for k in ti.static(range(n)):
+            out[e, i, form.at.drift + k] = ti.static(DRIFT_FACTOR) * mean[k]
     put_squashed(out, e, i, form.at.velocity, 3, seen.state, SURGE, SPEED_SCALE)
     put(out, e, i, form.at.down, 3, seen.derived, DOWN.start)
     for k in ti.static(range(3)):

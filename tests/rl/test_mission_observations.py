@@ -12,10 +12,10 @@ from rl.missions.formation.mission import Formation
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 
 ENCOUNTERS = 2 * 6 + 2 * 3  # of two obstacles, by the vehicle and by its slot, and of two team mates
-# error, its rate, velocity, down axis, rates, course, turn, action, role, offset
+# error, its rate, its mean, velocity, down axis, rates, course, turn, action, role, offset
 FULL_EXTRA = {
-    "usv": 2 + 2 + 3 + 3 + 3 + 2 + 1 + 2 + 1 + 2 + ENCOUNTERS,
-    "uav": 3 + 3 + 3 + 3 + 3 + 3 + 1 + 3 + 1 + 2 + ENCOUNTERS,
+    "usv": 2 + 2 + 2 + 3 + 3 + 3 + 2 + 1 + 2 + 1 + 2 + ENCOUNTERS,
+    "uav": 3 + 3 + 3 + 3 + 3 + 3 + 3 + 1 + 3 + 1 + 2 + ENCOUNTERS,
 }
 
 
@@ -92,9 +92,9 @@ def test_full_observations_are_bounded_where_they_should_be(shared):
         wander(shared, 3, seed=i)
         for name, rows in observed(shared).items():
             n, axes = PAPER_SIZE[name], AXES[name]
-            error, attitude = rows[..., n : n + axes], rows[..., n + 2 * axes + 3 : n + 2 * axes + 6]
-            course = rows[..., n + 2 * axes + 9 : n + 3 * axes + 9]
-            action = rows[..., n + 3 * axes + 10 : -3]
+            error, attitude = rows[..., n : n + axes], rows[..., n + 3 * axes + 3 : n + 3 * axes + 6]
+            course = rows[..., n + 3 * axes + 9 : n + 4 * axes + 9]
+            action = rows[..., n + 4 * axes + 10 : -3]
             assert rows.isfinite().all()
             assert error.abs().max() < 1.0
             one = torch.ones(rows.shape[:2])

@@ -9,9 +9,10 @@ from phases import due
 from torch import Tensor
 
 from rl.course.tracks import generate_tracks
-from rl.guidance.geometry import OFFSET, RATE, Geometry
+from rl.guidance.geometry import DRIFT_SCALE, DRIFT_TIME, OFFSET, RATE, Geometry
 from rl.guidance.geometry import SLOT_SIZE as SIZE
 from rl.guidance.shapes import SHAPES, formation_offsets, lane_half_width
+from rl.perception.due import BEGINS, GOES_ON
 from taichi_sim.conventions import POSITION, STATE_SIZE
 from taichi_sim.kernels.rotation import DERIVED_SIZE, VELOCITY_N
 
@@ -38,8 +39,9 @@ def measured(target: Tensor, leader: Tensor, velocity: Tensor, table: Tensor) ->
     fleet = SimpleNamespace(
         state=torch.zeros((*shape, STATE_SIZE), dtype=DOUBLE), derived=torch.zeros((*shape, DERIVED_SIZE), dtype=DOUBLE)
     )
+    fleet.derived[..., [0, 4, 8]] = 1.0  # level and northbound
     fleet.state[:, 0, POSITION], fleet.derived[:, 0, VELOCITY_N] = leader, velocity
-    geometry = Geometry(fleet, target, 0.0, table, 3)
+    geometry = Geometry(fleet, target, 0.0, table, 3, 0.2)
     geometry.measure(due(shape[0]))
     return geometry
 
@@ -98,6 +100,18 @@ def test_the_formation_is_rigid_when_the_course_turns(formation):
     reference = shape(0.0)
     for course in torch.linspace(-math.pi, math.pi, 17).tolist():
         torch.testing.assert_close(shape(course), reference, atol=1e-9, rtol=0)
+
+
+def test_the_mean_of_a_constant_error_approaches_it_exponentially_from_each_start():
+    still = torch.zeros(1, dtype=DOUBLE)
+    here = target(torch.tensor([[3.0, 4.0, 0.0]], dtype=DOUBLE), still, still, 12.0)
+    leader = torch.zeros((1, 3), dtype=DOUBLE)  # 5 m away
+    geometry = slots(here, leader, leader, torch.zeros((1, 2), dtype=DOUBLE))
+    for which, times in ((BEGINS, 1), (GOES_ON, 2), (GOES_ON, 3), (BEGINS, 1), (GOES_ON, 2)):
+        geometry.measure(due(1, which))
+        share = 1 - math.exp(-0.2 * times / DRIFT_TIME)
+        mean = share * torch.tensor([3.0, 4.0, 0.0], dtype=DOUBLE) / (5.0 + DRIFT_SCALE)
+        torch.testing.assert_close(geometry.drift[0, 0], mean)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 8])

@@ -72,7 +72,7 @@ class EscortBoats(ResidualTeam):
         self.slot_table = state.new_zeros((mission.num_envs, self.fleet.count, SLOT_SIZE))
         self.slot_table[..., OFFSET:RATE] = self.offsets
         table = state.new_zeros((mission.num_envs, 1, TARGET))
-        self.now = Geometry(self.fleet, table, 0.0, self.slot_table, self.axes, about=True)
+        self.now = Geometry(self.fleet, table, 0.0, self.slot_table, self.axes, self.interval, about=True)
         self.target = Target(table, self.now.slot[:, 0])
         self.before = torch.zeros_like(self.now.distance)
         group, number = tracking.groups[name], config.first_number(name)
@@ -183,7 +183,7 @@ class MeasuredBoats:
         self._team, self.fleet = team, team.own
         self.radius, self.slot_table = team.radius, team.slot_table
         table = tracking.of(team.name, tracking.targets).contiguous().clone()
-        self.now = Geometry(self.fleet, table, 0.0, team.slot_table, team.axes, about=True)
+        self.now = Geometry(self.fleet, table, 0.0, team.slot_table, team.axes, team.interval, about=True)
         self.target = Target(table, self.now.slot[:, 0])
         self.sensor = ChartedContacts(
             team.section.sensors.scaled_contacts, team.sensor, team.fleet, self.fleet, team.interval, number,

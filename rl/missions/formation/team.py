@@ -76,7 +76,7 @@ class TeamTask(ResidualTeam):
         reach = sensing.detection_range
         # The number of mates observed does not depend on the team's size: one that does not exist is out of range.
         self.sensor = Sensor(self.fleet, sensing.obstacles, sensing.team_mates, reach, self.radius, frame)
-        self.now = Geometry(self.fleet, targets.table, down, self.slot_table, self.axes)
+        self.now = Geometry(self.fleet, targets.table, down, self.slot_table, self.axes, interval)
         self.target = Target(targets.table, self.now.slot[:, 0])
         exact = config.radio is None and config.sensors.exact and config.sensors.scaled_contacts.exact
         self.measured = None if exact else MeasuredFormation(self, down)
@@ -193,7 +193,7 @@ class MeasuredFormation:
         self.now: SlotErrors = team.now
         if not exact or self.radio is not None:
             heard = None if self.radio is None else self.radio.heard
-            self.now = Geometry(self.fleet, team.target.table, down, team.slot_table, team.axes, heard)
+            self.now = Geometry(self.fleet, team.target.table, down, team.slot_table, team.axes, interval, heard)
         self.sensor: Nearby = team.sensor
         if not (exact and contacts.exact):
             self.sensor = TrackedContacts(contacts, team.sensor, team.fleet, self.fleet, interval, number)
