@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+from small_missions import make, wander
 
 from rl import rewards as terms
 from rl.missions.formation import rewards
@@ -122,3 +123,23 @@ def test_clearance_is_quadratic_inside_its_range_and_zero_outside():
     assert (penalty.diff() >= 0).all()  # more room is never worse
     assert penalty.diff().max() < 0.1  # no jump
     assert penalty.min() >= -2.25  # deep inside an obstacle: bounded
+
+
+def test_the_gap_ahead_is_the_least_one_on_straight_ways():
+    """Ways of boats, their mates and moving obstacles are followed in small steps."""
+    task = make("obstacles.count=150", "obstacles.clearance_min=-15", "obstacles.moving_fraction=0.3", envs=8)
+    wander(task, 25)
+    team = task.teams["usv"]
+    time = torch.linspace(0, 4, 4001)
+    place, velocity = team.fleet.position_n[..., :2, None], team.fleet.velocity_n[..., :2, None]
+    way = place + velocity * time
+    mates = (way.unsqueeze(1) - way.unsqueeze(2)).norm(dim=-2) + 1e6 * torch.eye(3)[..., None]
+    body = team.sensor.obstacles
+    to = ((body[..., 7] + body[..., 6]).unsqueeze(-1) * body[..., 1:3]).unsqueeze(-1)
+    to = to + (body[..., 4:6].unsqueeze(-1) - velocity.unsqueeze(2)) * time
+    things = to.norm(dim=-2) - body[..., 6:7] - team.radius + 1e6 * (body[..., 8:9] < 0)
+    least = torch.cat((mates - 2 * team.radius, things), dim=2).amin((-2, -1)).clamp(max=team.sensor.reach)
+    found = rewards.gap_ahead(team, 4.0)
+    torch.testing.assert_close(found, least, atol=0.01, rtol=0)
+    assert (found < team.sensor.gap - 0.5).any()
+    assert rewards.gap_ahead(team, 0.0) is team.sensor.gap

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from rl.guidance.geometry import SlotErrors, Target
-from rl.perception.sensors import Sensor
+from rl.perception.sensors import Mate, Obstacle, Sensor
 from rl.rewards import action_rate, clearance, coarse, fine, paid, penalty
 from rl.step import Endings
 from taichi_sim.config import NonNegative, Positive, Strict
@@ -32,6 +32,7 @@ class TrackingReward(Strict):
     action_rate: NonNegative = 0.02  # -|a - a_previous|^2
     clearance: NonNegative = 0.5  # -(1 - gap / clearance_range)^2 inside the range
     clearance_range: Positive = 4.0  # m, gap to the nearest obstacle or team mate
+    clearance_time: NonNegative = 0.0  # s ahead, of the least gap if all go straight on; 0: the gap now
     ending: NonNegative = 10.0  # -1 at a collision, or any other early ending
 
 
@@ -79,13 +80,30 @@ class Keeper(Protocol):
         ...
 
 
+def gap_ahead(team: Keeper, time: float) -> Tensor:
+    """Least gap (m) to what is sensed, from above, in the next `time` (s) if all go straight on; 0: the gap now."""
+    sensor, radius = team.sensor, team.sensor.radius
+    if time == 0:
+        return sensor.gap
+    things, mates, own = sensor.obstacles, sensor.team_mates, team.fleet.velocity_n[..., None, :2]
+    away = torch.cat((things[..., Obstacle.LEVEL] + things[..., Obstacle.RADIUS], mates[..., Mate.DISTANCE]), dim=-1)
+    sizes = torch.cat((things[..., Obstacle.RADIUS] + radius, torch.full_like(mates[..., 0], 2 * radius)), dim=-1)
+    its = torch.cat((things[..., Obstacle.V_NORTH : Obstacle.RADIUS], mates[..., Mate.V_NORTH : Mate.SIZE]), dim=-2)
+    there = torch.cat((things[..., Obstacle.NORTH : Obstacle.DOWN], mates[..., Mate.NORTH : Mate.DOWN]), dim=-2)
+    place, w = away.unsqueeze(-1) * there, own - its
+    nearest = ((place * w).sum(-1) / w.square().sum(-1).clamp(min=1e-6)).clamp(0.0, time)
+    gap = (place - nearest.unsqueeze(-1) * w).norm(dim=-1) - sizes
+    none = torch.cat((things[..., Obstacle.NUMBER], mates[..., Mate.NUMBER]), dim=-1) < 0
+    return torch.minimum(sensor.gap, gap.masked_fill(none, sensor.reach).amin(-1))
+
+
 TERMS: dict[str, Callable[[Keeper, Endings, TrackingReward], Tensor]] = {
     "coarse": lambda team, ended, w: coarse(team.distance, w.coarse_scale),
     "fine": lambda team, ended, w: fine(team.distance, w.fine_scale),
     "approach": lambda team, ended, w: -team.distance,
     "squared": lambda team, ended, w: squared(team.distance, w.squared_limit),
     "action_rate": lambda team, ended, w: action_rate(team.action, team.previous_action),
-    "clearance": lambda team, ended, w: clearance(team.sensor.gap, w.clearance_range),
+    "clearance": lambda team, ended, w: clearance(gap_ahead(team, w.clearance_time), w.clearance_range),
     "ending": lambda team, ended, w: penalty(ended.any),
 }
 """Terms of `reward = "tracking"`: name of the weight -> function of a team, its endings, and the weights."""
