@@ -1,19 +1,20 @@
 """The air that an aircraft meets: mean wind at its height, Dryden turbulence, a discrete gust.
 
-Turbulence takes one exact step of its filter (air/turbulence.py) per substep, so that none of its variance is lost. The
-filter's coefficients, intensity and axes are those at the beginning of the control step. The air's velocity is held
-over a substep: mean wind and turbulence as at its beginning, a discrete gust as in its middle. Flight through a gust is
-therefore second order in the substep, and motion in steady air fourth order. Halving the substep removes three quarters
-of the error; a gust held from the beginning of the substep would come half a substep late.
+Turbulence is drawn at most `DRAWN_EVERY` apart, at equal times of a control step, whatever the physics step: each draw
+is an exact step of its filter (air/turbulence.py), so that none of its variance is lost, and between draws it is linear
+in time. The filter's coefficients, intensity and axes are those at the beginning of the control step. Over a substep
+the air's velocity is held: mean wind and discrete gust as in its middle, turbulence at its mean. So flight is second
+order in the substep, and fourth order in steady air.
 
-Random numbers are counted by control step and substep through all episodes, so that no episode repeats another's. A
-control step of S substeps has S + 1 counts: one for each substep, and the last for the stationary state with which a
-flight begins.
+Random numbers are counted by control step and draw through all episodes, so that no episode repeats another's. A
+control step of N draws has N + 1 counts: one for each, and the last for the stationary state with which a flight
+begins.
 """
 
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false
 
+import math
 from dataclasses import dataclass
 
 import taichi as ti
@@ -28,6 +29,9 @@ from taichi_sim.conventions import DOWN
 from taichi_sim.kernels.abreast import cast, taken1
 from taichi_sim.kernels.random import TURBULENCE, normal6
 from taichi_sim.surroundings import Surroundings
+
+DRAWN_EVERY = 0.02  # s, longest time between two draws of turbulence; assumed: half a metre of flight at 25 m/s
+WHOLE = 1e-6  # of a draw: a rest below it is rounding
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,11 @@ def local_air(air: Wind | None, uneven: bool = False) -> LocalAir:
     return LocalAir(config.profile, turbulent, gust, turbulent and uneven)
 
 
+def draws(interval: float) -> int:
+    """Number of draws of turbulence in a control step of `interval` (s)."""
+    return max(1, math.ceil(interval / DRAWN_EVERY - WHOLE))
+
+
 def wind_at(state: Tensor, around: Surroundings) -> Tensor:
     """Mean wind [n, vehicle, 3] (NED, m/s) at the heights of `state` [n, vehicle, 13]."""
     here = around.wind.to(state).unsqueeze(1).expand(*state.shape[:2], 3)
@@ -72,12 +81,15 @@ def wind_at(state: Tensor, around: Surroundings) -> Tensor:
 
 
 @ti.func
-def initial_turbulence(air: ti.template(), seed, clock, substeps: ti.template(), e, i):
-    """State (5) of the turbulence around vehicle i of environment e, from its stationary distribution."""
+def initial_turbulence(air: ti.template(), seed, clock, drawn: ti.template(), e, i):
+    """State (5) of the turbulence around vehicle i of environment e, from its stationary distribution.
+
+    A control step has `drawn` draws.
+    """
     zero = 0.0 * cast(i, float)
     z = ti.Vector([zero, zero, zero, zero, zero, zero])
     if ti.static(air.turbulent):
-        z = normal6(seed, TURBULENCE, e, i, clock * ti.static(substeps + 1) + substeps)
+        z = normal6(seed, TURBULENCE, e, i, clock * ti.static(drawn + 1) + drawn)
     return ti.Vector([z[0], z[1], z[2], z[3], z[4]])
 
 
@@ -92,7 +104,7 @@ def wind_at_20_feet(air: ti.template(), around: ti.template(), wind, e):
 
 @ti.func
 def turbulence_filter(air: ti.template(), Va, h, W20, dt: ti.template()):
-    """Coefficients (12) of a substep dt (s): `dryden_filter`, then `dryden_sigma`; zeros without turbulence."""
+    """Coefficients (12) for draws dt (s) apart: `dryden_filter`, then `dryden_sigma`; zeros without turbulence."""
     zero = Va * 0.0
     f = ti.Vector([zero] * 12)
     if ti.static(air.turbulent):
@@ -104,12 +116,37 @@ def turbulence_filter(air: ti.template(), Va, h, W20, dt: ti.template()):
 
 
 @ti.func
-def turbulence_step(air: ti.template(), x, f, seed, count, e, i):
-    """State (5) of the turbulence one substep later; `count` numbers substeps through all episodes."""
-    new = x
+def turbulence_now(air: ti.template(), x, f):
+    """Gust (u, v, w; m/s) in the turbulence axes at the state x (5), with the coefficients f."""
+    now = ti.Vector([0.0 * x[0], 0.0 * x[0], 0.0 * x[0]])
     if ti.static(air.turbulent):
-        new = dryden_advance(x, f, normal6(seed, TURBULENCE, e, i, count))
-    return new
+        now = dryden_output(x, ti.Vector([f[10], f[11]]))
+    return now
+
+
+@ti.func
+def turbulence_over(
+    air: ti.template(), substeps: ti.template(), drawn: ti.template(), n, x, last, now, f, seed, clock, e, i,
+):  # fmt: skip
+    """Mean gust (u, v, w; m/s) over substep n of a control step of `substeps` substeps and `drawn` draws.
+
+    Also returns what follows from the draws in it: the state x (5) at the latest one, and the gusts of the last two.
+    `clock` numbers control steps through all episodes.
+    """
+    mean = 0.0 * now
+    if ti.static(air.turbulent):
+        # times in parts of a substep and of the interval between draws: each of either has a whole number of them
+        begin, end = n * ti.static(drawn), (n + 1) * ti.static(drawn)
+        for k in range(begin // ti.static(substeps), (end + ti.static(substeps - 1)) // ti.static(substeps)):
+            drawn_at = k * ti.static(substeps)
+            if drawn_at >= begin:
+                x = dryden_advance(x, f, normal6(seed, TURBULENCE, e, i, clock * ti.static(drawn + 1) + k))
+                last = now
+                now = turbulence_now(air, x, f)
+            low, high = ti.max(begin, drawn_at), ti.min(end, drawn_at + ti.static(substeps))
+            middle = ti.cast(low + high - 2 * drawn_at, float) * ti.static(0.5 / substeps)
+            mean += ti.cast(high - low, float) * ti.static(1.0 / drawn) * (last + middle * (now - last))
+    return mean, x, last, now
 
 
 @ti.func
@@ -119,28 +156,15 @@ def mean_wind(air: ti.template(), wind, shear, position):
 
 
 @ti.func
-def velocity_at(air: ti.template(), wind, shear, x, f, v_air, position, time):
+def velocity_at(air: ti.template(), wind, shear, turbulence, v_air, position, time):
     """Velocity of the air (NED, m/s) at `position` (NED, m) and `time` (s): mean wind, turbulence and gust.
 
-    `wind` is the mean wind 10 m above the sea. The turbulence, in state x with coefficients f, has its axes along
-    v_air, the velocity (NED) through the mean wind.
+    `wind` is the mean wind 10 m above the sea. The `turbulence` (u, v, w; m/s) has its axes along v_air, the velocity
+    (NED) through the mean wind.
     """
     total = mean_wind(air, wind, shear, position)
     if ti.static(air.turbulent):
-        total += gust_n(dryden_output(x, ti.Vector([f[10], f[11]])), v_air)
+        total += gust_n(turbulence, v_air)
     if ti.static(air.gusty):
         total += gust_velocity(air.gust, position, time)
     return total
-
-
-@ti.func
-def gust_ahead(air: ti.template(), position, v_n, time, dt: ti.template()):
-    """Change of the discrete gust (NED, m/s) from now to the middle of a substep dt (s).
-
-    The aircraft is at `position` (NED, m) at `time` (s) and moves over ground with v_n (NED, m/s).
-    """
-    ahead, half = v_n * 0.0, 0.5 * dt
-    if ti.static(air.gusty):
-        there = ti.Vector([position[0] + half * v_n[0], position[1] + half * v_n[1]])
-        ahead = gust_velocity(air.gust, there, time + half) - gust_velocity(air.gust, position, time)
-    return ahead

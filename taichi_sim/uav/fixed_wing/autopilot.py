@@ -53,6 +53,7 @@ class AutopilotParams(Strict):
     protection: bool = True  # of angle of attack, load factor, airspeed and bank
     max_bank_deg: Annotated[float, Field(gt=0, lt=80)] = 45.0
     max_pitch_deg: Annotated[float, Field(gt=0, le=45)] = 20.0  # largest difference from the pitch of level flight
+    rate_hz: Annotated[float, Field(gt=0, le=1000)] = 50.0  # readings of its instruments a second, ArduPlane's default
     min_airspeed: Positive | None = None  # least airspeed demand, m/s; omitted: 1.3 times the stall airspeed
 
 
@@ -207,7 +208,7 @@ def protected_elevator(g: ti.template(), m: ti.template(), elevator, Va, s, alph
 
 @ti.func
 def throttle(g: ti.template(), d, Va, sin_gamma, integral, dt: ti.template()):
-    """(throttle, integral) one substep dt (s) later.
+    """(throttle, integral) one interval dt (s) later.
 
     What the throttle's limits cut off decays from the integral with the time constant of the loop.
     """

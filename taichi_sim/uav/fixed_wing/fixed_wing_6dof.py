@@ -1,10 +1,9 @@
 """`fixed_wing_6dof`: a team of Beard-McLain aircraft (airframe.py) in wind, with actuators and an autopilot.
 
 One kernel launch per control step loads each aircraft's state once, makes RK4 substeps on local values, and stores the
-state once. Deflections and the air's velocity (in n: local_air.py) are held over a substep. The substep is made in the
-frame of the air, so a steady wind is exact and motion relative to the air is fourth order in the step. Flight through a
-discrete gust is second order, because the air is held: with steps of 0.02 s an Aerosonde that meets 3 m/s within half a
-second, controls fixed, is less than 2 mm off after 10 s.
+state once. The autopilot runs at its own rate (uav/sampling.py). Deflections, at their mean, and the air's velocity (in
+n: local_air.py) are held over a substep. The substep is made in the frame of the air, so a steady wind is exact.
+Halving the substep removes three quarters of the error (tests/physics/test_order.py).
 
 Functions outside the class take the model as `m`, whose gains, limits and actions are compiled in.
 """
@@ -37,6 +36,7 @@ from taichi_sim.uav.fixed_wing.equations import derivatives, stall_angles
 from taichi_sim.uav.fixed_wing.gains import gains, limits
 from taichi_sim.uav.fixed_wing.params import VARYING, FixedWingNumbers, FixedWingParams, aircraft_numbers
 from taichi_sim.uav.fixed_wing.trim import air_readings, largest_stable_dt, trim, trimmed
+from taichi_sim.uav.sampling import sampling
 from taichi_sim.vehicle import Limits, Number, Vehicles
 
 AUX = (
@@ -96,13 +96,13 @@ def commands(m: ti.template(), action, asked, R, y, met, pilot):
         sin_gamma = action[0] * m.autopilot_limits.sin_pitch
         if ti.static(m.actions == "altitude"):
             climb = action[0] * m.autopilot_limits.climb
-            state[1] += m.dt * climb
+            state[1] += m.sampled.interval * climb
             climb += m.gains.height * (state[1] + y[2])
             rising = -(R[2, 0] * v_air[0] + R[2, 1] * v_air[1] + R[2, 2] * v_air[2] + met[2])
             sin_gamma = autopilot.climb_to_fly(m.gains, m.autopilot_limits, climb, rising) * air[1]
         sine = autopilot.sine_of_pitch(m.gains, m.autopilot_limits, m.protected, air[0], asked[4], sin_gamma)
         surfaces = autopilot.surfaces(m.gains, asked, air, R, omega, sine)
-        engine = autopilot.throttle(m.gains, asked, air[0], sine - asked[4], pilot[0], m.dt)
+        engine = autopilot.throttle(m.gains, asked, air[0], sine - asked[4], pilot[0], m.sampled.interval)
         state[0] = engine[1]
         command = ti.Vector([surfaces[0], surfaces[1], surfaces[2], engine[0]])
     if ti.static(m.protected):
@@ -143,6 +143,8 @@ class FixedWing6DOF(Aircraft):
         neutral: the controls of `cruise`.
         stall_angles: angles of attack of the inverted and the upright stall, rad.
         gains, autopilot_limits: those of the autopilot.
+        sampled: when it reads its instruments.
+        draws: draws of turbulence in a control step.
     """
 
     Params = FixedWingParams
@@ -176,7 +178,10 @@ class FixedWing6DOF(Aircraft):
         self.actions = "surfaces" if plan.autopilot is None else pilot.actions
         self.action_names, self.free_step = ACTION_NAMES[self.actions], self.actions == "surfaces"
         self.autopilot_limits = limits(plan, pilot)
-        self.gains = gains(plan, self.cruise, self.autopilot_limits, dt)
+        self.gains = gains(plan, self.cruise, self.autopilot_limits, 1.0 / pilot.rate_hz)
+        held = self.actions == "surfaces" and not self.protected  # the same command throughout a control step
+        self.sampled = sampling(0.0 if held else pilot.rate_hz, dt, substeps)
+        self.draws = local_air.draws(dt * substeps)
 
     @property
     def limits(self) -> Limits:
@@ -282,40 +287,55 @@ class FixedWing6DOF(Aircraft):
         e and i may be those of a group (abreast.py).
         """
         clock, seed, env = around.count[0], around.count[1], taken1(around.count, e, 2)
-        y, delta, gust, pilot = self.stored(fleet, e, i)
+        y, delta, eddies, pilot = self.stored(fleet, e, i)
         tau = load_at(build, fleet.load, e, i)
         time, wind_10 = taken(fleet.aux, e, i, TIME, 1)[0], taken2(around.wind, e, 3)
         action = taken(fleet.action, e, i, 0, ti.static(len(self.action_names)))
         begins = time == 0.0
         if some(begins):
-            drawn = local_air.initial_turbulence(build.air, seed, clock, self.substeps, env, i)
-            gust = ti.select(begins, drawn, gust)
+            drawn = local_air.initial_turbulence(build.air, seed, clock, self.draws, env, i)
+            eddies = ti.select(begins, drawn, eddies)
         shear, W20 = around.air[0], local_air.wind_at_20_feet(build.air, around, wind_10, e)
         v_mean = attitude_of(y) @ velocity_of(y) - local_air.mean_wind(build.air, wind_10, shear, y)
-        f = local_air.turbulence_filter(build.air, v_mean.norm(), -y[2], W20, p.dt)
-        met = local_air.velocity_at(build.air, wind_10, shear, gust, f, v_mean, y, time)
+        apart = p.dt * ti.static(self.substeps / self.draws)
+        f = local_air.turbulence_filter(build.air, v_mean.norm(), -y[2], W20, apart)
+        gust = local_air.turbulence_now(build.air, eddies, f)
+        last, met = gust, local_air.velocity_at(build.air, wind_10, shear, gust, v_mean, y, time)
         y = with_velocity(y, velocity_of(y) - attitude_of(y).transpose() @ met)
-        start, way = position_of(y), 0.0 * met
-        asked = demands(self, action, velocity_of(y).norm())
+        start, way, rate = position_of(y), 0.0 * met, 0.0 * y
+        asked, command = demands(self, action, velocity_of(y).norm()), 0.0 * delta
         for n in range(self.substeps):
             R = attitude_of(y)
-            command, pilot = commands(self, action, asked, R, y, met, pilot)
+            if n % ti.static(self.sampled.every) == 0:
+                now, air = y, met
+                if ti.static(not build.air.steady):
+                    air = local_air.velocity_at(build.air, wind_10, shear, gust, v_mean, y, time)
+                    now = with_velocity(y, velocity_of(y) + R.transpose() @ (met - air))
+                if ti.static(self.sampled.ahead > 0.0):
+                    now += ti.static(self.sampled.ahead) * rate
+                command, pilot = commands(self, action, asked, attitude_of(now), now, air, pilot)
             delta, held = actuators.advance(self.p.actuators, p, delta, command)
-            if ti.static(build.air.gusty):
-                change = local_air.gust_ahead(build.air, y, R @ velocity_of(y) + met, time, p.dt)
-                y, met = with_velocity(y, velocity_of(y) - R.transpose() @ change), met + change
-            y = rk4(self.p, p, with_position(y, 0.0 * way), held, tau, p.dt)
+            if ti.static(not build.air.steady):
+                mean, eddies, last, gust = local_air.turbulence_over(
+                    build.air, self.substeps, self.draws, n, eddies, last, gust, f, seed, clock, env, i
+                )
+                middle = position_of(y) + (0.5 * p.dt) * (R @ velocity_of(y) + met)
+                new = local_air.velocity_at(build.air, wind_10, shear, mean, v_mean, middle, time + 0.5 * p.dt)
+                y = with_velocity(y, velocity_of(y) + R.transpose() @ (met - new))
+                met = new
+            before = with_position(y, 0.0 * way)
+            y = rk4(self.p, p, before, held, tau, p.dt)
+            if ti.static(self.sampled.ahead > 0.0):
+                rate = (1.0 / p.dt) * (with_position(y, position_of(y) + p.dt * met) - before)
             way += position_of(y) + p.dt * met
             y = with_position(y, start + way)
             time += p.dt
-            if ti.static(not build.air.steady):
-                count = clock * ti.static(self.substeps + 1) + n
-                gust = local_air.turbulence_step(build.air, gust, f, seed, count, env, i)
-                new = local_air.velocity_at(build.air, wind_10, shear, gust, f, v_mean, y, time)
-                y = with_velocity(y, velocity_of(y) + attitude_of(y).transpose() @ (met - new))
-                met = new
+        if ti.static(not build.air.steady):
+            new = local_air.velocity_at(build.air, wind_10, shear, gust, v_mean, y, time)
+            y = with_velocity(y, velocity_of(y) + attitude_of(y).transpose() @ (met - new))
+            met = new
         self.save(p, fleet, e, i, start, way, y, met, delta)
-        put(fleet.aux, e, i, TIME, [time, gust[0], gust[1], gust[2], gust[3], gust[4], pilot[0], pilot[1]])
+        put(fleet.aux, e, i, TIME, [time, eddies[0], eddies[1], eddies[2], eddies[3], eddies[4], pilot[0], pilot[1]])
 
     @ti.func
     def stored(self, fleet: ti.template(), e, i):

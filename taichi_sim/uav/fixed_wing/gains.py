@@ -1,6 +1,7 @@
 """The autopilot's gains, from the aircraft's own model: trims, linear model in cruise, actuators.
 
-Each loop is closed around the one before (Beard & McLain 2012, ch. 6). With tau the servo's lag and half a step,
+Each loop is closed around the one before (Beard & McLain 2012, ch. 6). With tau the servo's lag and half an interval
+between commands,
 
 - roll rate: a_phi2 / (s + a_phi1) and the servo, made critically damped by k_p;
 - an integrator behind an inner loop of lag T has damping zeta with the gain 1 / (4 zeta^2 T): roll angle behind roll
@@ -120,10 +121,10 @@ def behind(lag: float) -> float:
     return 1 / (4 * ZETA**2 * lag)
 
 
-def gains(p: FixedWingParams, cruise: Trim, m: AutopilotLimits, dt: float) -> AutopilotGains:
-    """Gains of the autopilot of an aircraft with step dt (s), from its linear model in `cruise` and its trims."""
+def gains(p: FixedWingParams, cruise: Trim, m: AutopilotLimits, interval: float) -> AutopilotGains:
+    """Gains of an autopilot that commands every `interval` (s), from the linear model in `cruise` and the trims."""
     model, V = linear_modes(p, cruise), cruise.airspeed
-    tau, motor = p.actuators.time_constant + dt / 2, p.actuators.throttle_time_constant + dt / 2
+    tau, motor = p.actuators.time_constant + interval / 2, p.actuators.throttle_time_constant + interval / 2
 
     a1, a2 = -model.A_lat[1, 1], model.B_lat[1, 0]
     roll_rate = max((1 + tau * a1) ** 2 / (4 * tau) - a1, 0.0) / a2

@@ -31,12 +31,12 @@ On a deck, with at least IDLE_FROM of `descent` commanded: with one sole down al
 weight, with all soles down they turn at omega_min, and the integrals are zero. This is how switches in the legs would
 work: loops that hold a position against the wind would topple the aircraft over the sole that is down.
 
-Gains follow from the aircraft's own model: its rotors' lag and the step. Each loop is closed around the one before. An
-integrator behind an inner loop of lag T has the damping zeta with the gain 1 / (4 zeta^2 T): rates behind the rotors,
-attitude behind rates, velocity behind attitude. The rotors' lag is the mean of tau_up and tau_down, since half of them
-speed up while the others slow down, plus half a step, since a command is held. Yaw and climb get fractions of the gains
-of attitude, because their thrust is limited: yaw by the rotors' torque, climb by their thrust. Integrals compensate
-steady loads: drag of rotors above the centre of gravity, wind, a payload.
+Gains follow from the aircraft's own model: its rotors' lag and the controller's interval. Each loop is closed around
+the one before. An integrator behind an inner loop of lag T has the damping zeta with the gain 1 / (4 zeta^2 T): rates
+behind the rotors, attitude behind rates, velocity behind attitude. The rotors' lag is the mean of tau_up and tau_down,
+since half of them speed up while the others slow down, plus half an interval, since a command is held. Yaw and climb
+get fractions of the gains of attitude, because their thrust is limited: yaw by the rotors' torque, climb by their
+thrust. Integrals compensate steady loads: drag of rotors above the centre of gravity, wind, a payload.
 """
 
 # Kernels are another language inside Python syntax.
@@ -215,8 +215,8 @@ def velocity_wanted(d: ti.template(), action, c, s):
 
 @ti.func
 def specific_thrust(g: ti.template(), d: ti.template(), v_c, v, turning, integral, dt: ti.template()):
-    """Specific thrust c (m/s^2, n) that brings the velocity v (m/s, n) to v_c, and the integral (m/s^2) a step dt (s)
-    later.
+    """Specific thrust c (m/s^2, n) that brings the velocity v (m/s, n) to v_c, and the integral (m/s^2) an interval dt
+    (s) later.
 
     v_c turns at `turning` (rad/s).
     """
@@ -274,7 +274,7 @@ def rotor_thrusts(
 ):
     """Thrusts [rotor] (N) for a collective thrust T (N) and body rates `wanted` (rad/s) at rates omega (rad/s).
 
-    Also returns the integral (rad/s^2) a step dt (s) later. `body` are the numbers of the nominal aircraft.
+    Also returns the integral (rad/s^2) an interval dt (s) later. `body` are the numbers of the nominal aircraft.
     """
     error = wanted - omega
     alpha = ti.Vector([g.rate * error[0], g.rate * error[1], g.yaw_rate * error[2]]) + integral
@@ -303,7 +303,7 @@ class Bandwidths(NamedTuple):
 
 
 def lag(craft: MultirotorParams, dt: float) -> float:
-    """Time from a command to thrust, s: the rotors' lag and half a step dt (s)."""
+    """Time from a command to thrust, s: the rotors' lag and half an interval dt (s) between commands."""
     return 0.5 * (craft.rotor.tau_up + craft.rotor.tau_down + dt)
 
 

@@ -59,6 +59,17 @@ def deck_now(way: ti.template(), e, i, t, T: ti.template(), body):
 
 
 @ti.func
+def ahead_of(y, v_n, dt):
+    """State y dt (s) later, if it goes on to move over ground with v_n (n, m/s) and to turn with its body rates."""
+    new, q = y, quaternion_advance(quaternion_of(y), rates_of(y), dt)
+    for c in ti.static(range(3)):
+        new[c] += dt * v_n[c]
+    for c in ti.static(range(4)):
+        new[3 + c] = q[c]
+    return new
+
+
+@ti.func
 def sole_arm(craft: ti.template(), p: ti.template(), k: ti.template()):
     """Sole of leg k (m, b), from the centre of gravity."""
     x, y, z = ti.static(craft.legs.points[k])

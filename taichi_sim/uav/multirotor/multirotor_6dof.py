@@ -1,9 +1,10 @@
 """`multirotor_6dof`: a team of multirotors (airframe.py) in wind, with rotors that lag and a controller.
 
 One kernel launch per control step loads each aircraft's state once, makes substeps on local values, and stores the
-state once. The controller (controller.py) runs at the physics step. The air's velocity (uav/local_air.py) is held over
-a substep, which is made in the frame of the air, so a steady wind is exact. Rotor speeds are exact for the command held
-over a substep (airframe.py).
+state once. The controller (controller.py) runs at its own rate (uav/sampling.py). The air's velocity (uav/local_air.py)
+is held over a substep, which is made in the frame of the air, so a steady wind is exact. Rotor speeds are exact for the
+command held over a substep (airframe.py). What else is held over one, is as in its middle: the sea and the deck below,
+the battery's voltage.
 
 Near a deck (contact/contacts.py) the ground effect includes the rotors' images in it, and a substep in which a sole may
 touch consists of contact steps (landing.py). Far from decks the results are those of a world without decks.
@@ -44,6 +45,7 @@ from taichi_sim.uav.multirotor.body import body_surface
 from taichi_sim.uav.multirotor.params import MultirotorParams, multirotor_numbers, nominal_numbers, varying_keys
 from taichi_sim.uav.multirotor.params import gains as rotor_gains
 from taichi_sim.uav.multirotor.trim import largest_stable_dt, show, trim, trimmed
+from taichi_sim.uav.sampling import sampling
 from taichi_sim.vehicle import Limits, Number, Vehicle, Vehicles, Waters, edge
 
 LONGEST_OUTSIDE = 3.0  # s: a longer time outside the model's validity ends the episode; assumed
@@ -62,6 +64,8 @@ class Multirotor6DOF(Vehicle):
     Attributes:
         allocation: that of the rotors.
         gains, demands: those of the controller.
+        sampled: when it reads its instruments.
+        draws: draws of turbulence in a control step.
         bandwidths: those of the control loops, rad/s.
         induced: velocity of the air through the rotors in hover, m/s.
     """
@@ -92,8 +96,11 @@ class Multirotor6DOF(Vehicle):
         self.allocation = controller.allocation(plan)
         self.actions = plan.control.actions
         self.demands = controller.demands(plan, self.allocation)
-        self.gains = controller.gains(plan, dt)
-        lag, lead = controller.lag(plan, dt), controller.lead(plan, self.allocation)
+        pilot = plan.control.rate_hz
+        self.gains = controller.gains(plan, 1.0 / pilot)
+        self.sampled = sampling(0.0 if self.actions == "rotors" else pilot, dt, substeps)
+        self.draws = local_air.draws(self.interval)
+        lag, lead = controller.lag(plan, 1.0 / pilot), controller.lead(plan, self.allocation)
         self.bandwidths = controller.bandwidths(self.gains, lag, lead)
         self.board = nominal_numbers(plan)
         self.count, self.battery = len(params.rotors), params.battery is not None
@@ -239,22 +246,25 @@ class Multirotor6DOF(Vehicle):
         """
         clock, seed, env = around.count[0], around.count[1], taken1(around.count, e, 2)
         y, omega = taken(fleet.state, e, i, 0, 13), taken(fleet.aux, e, i, at.SPEEDS, self.count)
-        gust, held = taken(fleet.aux, e, i, at.TURBULENCE, 5), taken(fleet.aux, e, i, at.INTEGRALS, 8)
+        eddies, held = taken(fleet.aux, e, i, at.TURBULENCE, 5), taken(fleet.aux, e, i, at.INTEGRALS, 8)
         time, charge = taken(fleet.aux, e, i, at.TIME, 1)[0], taken(fleet.aux, e, i, at.CHARGE, 1)[0]
         tau, wind_10 = load_at(build, fleet.load, e, i), taken2(around.wind, e, 3)
         action = taken(fleet.action, e, i, 0, ti.static(len(self.action_names)))
         begins = time == 0.0
         if some(begins):
-            drawn = local_air.initial_turbulence(build.air, seed, clock, self.substeps, env, i)
-            gust = ti.select(begins, drawn, gust)
+            drawn = local_air.initial_turbulence(build.air, seed, clock, self.draws, env, i)
+            eddies = ti.select(begins, drawn, eddies)
         shear, W20 = around.air[0], local_air.wind_at_20_feet(build.air, around, wind_10, e)
         v_mean = attitude_of(y) @ velocity_of(y) - local_air.mean_wind(build.air, wind_10, shear, y)
-        f = local_air.turbulence_filter(build.air, v_mean.norm(), -y[2], W20, p.dt)
-        met = local_air.velocity_at(build.air, wind_10, shear, gust, f, v_mean, y, time)
+        apart = p.dt * ti.static(self.substeps / self.draws)
+        f = local_air.turbulence_filter(build.air, v_mean.norm(), -y[2], W20, apart)
+        gust = local_air.turbulence_now(build.air, eddies, f)
+        last, met = gust, local_air.velocity_at(build.air, wind_10, shear, gust, v_mean, y, time)
         sea, rise = self.water_below(p.dt, build, around, e, y)
         y = with_velocity(y, velocity_of(y) - attitude_of(y).transpose() @ met)
         start, still = position_of(y), velocity_of(y) * 0.0
         way, rates, toward, voltage = still, still, still, time * 0.0
+        wanted, rate = omega * 0.0, y * 0.0
         sea_weight, deck_upwash = omega * 0.0 + 1.0, omega * 0.0  # of each rotor, over a deck
         body = ti.Vector([time * 0.0 for _ in ti.static(range(landing.BODY_SIZE))])
         soles = ti.Vector([time * 0.0 for _ in ti.static(range(max(self.sole_numbers, 1)))])
@@ -265,24 +275,46 @@ class Multirotor6DOF(Vehicle):
                 soles[k] = touch.soles[e, i, k]
         for n in range(self.substeps):
             R = attitude_of(y)
+            v_n = R @ velocity_of(y) + met
             most = time * 0.0 + self.plan.rotor.omega_max
             if ti.static(self.battery):
                 voltage, current = rotors.battery_terminal(self.p.battery, charge, rotors.shaft_power(self.p, p, omega))
-                charge = ti.max(charge - current * (p.dt / self.p.battery.coulombs), 0.0)
                 most *= ti.min(voltage * ti.static(1.0 / self.p.battery.nominal), 1.0)
             if ti.static(build.decked and self.sole_numbers > 0):
                 landed = landing.soles_down(soles, ti.static(self.sole_numbers // SOLE_SIZE))
-            wanted, held, rates, toward = self.commanded(action, y, R, R @ velocity_of(y) + met, held, most, landed)
+            if n % ti.static(self.sampled.every) == 0:
+                now, moving = y, v_n
+                if ti.static(self.sampled.ahead > 0.0):
+                    now += ti.static(self.sampled.ahead) * rate
+                    moving = attitude_of(now) @ velocity_of(now) + met
+                wanted, held, rates, toward = self.commanded(action, now, attitude_of(now), moving, held, most, landed)
             command = rotors.clipped(self.p, wanted, most)
-            if ti.static(build.air.gusty):
-                change = local_air.gust_ahead(build.air, y, R @ velocity_of(y) + met, time, p.dt)
-                y, met = with_velocity(y, velocity_of(y) - R.transpose() @ change), met + change
+            if ti.static(self.battery):  # the command, and the charge at the end, are for the load in the middle
+                middle = command + (omega - command) * rotors.lag_left(self.p, p, omega, command)
+                voltage, current = rotors.battery_terminal(
+                    self.p.battery, charge, rotors.shaft_power(self.p, p, middle)
+                )
+                most = self.plan.rotor.omega_max * ti.min(voltage * ti.static(1.0 / self.p.battery.nominal), 1.0)
+                command = rotors.clipped(self.p, wanted, most)
+                charge = ti.max(charge - current * (p.dt / self.p.battery.coulombs), 0.0)
+            if ti.static(not build.air.steady):
+                mean, eddies, last, gust = local_air.turbulence_over(
+                    build.air, self.substeps, self.draws, n, eddies, last, gust, f, seed, clock, env, i
+                )
+                place = position_of(y) + (0.5 * p.dt) * v_n
+                new = local_air.velocity_at(build.air, wind_10, shear, mean, v_mean, place, time + 0.5 * p.dt)
+                y = with_velocity(y, velocity_of(y) + R.transpose() @ (met - new))
+                met = new
+            before = with_position(y, still)
+            sea += 0.5 * rise
             if ti.static(build.decked):
                 flies = 1
                 if by_deck > 0:
-                    begun, v_n = n * ti.static(self.dt), R @ velocity_of(y) + met
-                    across2 = y[7] * y[7] + y[8] * y[8]
-                    height, inside, hit = landing.rotors_over(self.p, p, touch.way, e, i, y, begun, self.interval, body)
+                    begun, across2 = n * ti.static(self.dt), y[7] * y[7] + y[8] * y[8]
+                    then = landing.ahead_of(y, v_n, ti.static(0.5 * self.dt))
+                    height, inside, hit = landing.rotors_over(
+                        self.p, p, touch.way, e, i, then, begun + ti.static(0.5 * self.dt), self.interval, body
+                    )
                     struck = ti.max(struck, hit)
                     if ti.static(self.p.ground_effect):
                         sea_weight, deck_upwash = landing.deck_ground(self.p, p, height, inside, omega, across2)
@@ -298,23 +330,21 @@ class Multirotor6DOF(Vehicle):
                         way += position_of(y)
                 if flies > 0:
                     below = ground.beneath(-y[2] - sea, sea_weight, deck_upwash)
-                    y = with_position(y, still)
-                    y, omega = rk4(self.p, p, self.over_decks, y, omega, command, below, tau, p.dt)
+                    y, omega = rk4(self.p, p, self.over_decks, before, omega, command, below, tau, p.dt)
                     way += position_of(y) + p.dt * met
             else:
                 below = -y[2] - sea
-                y = with_position(y, still)
-                y, omega = rk4(self.p, p, self.p.ground_effect, y, omega, command, below, tau, p.dt)
+                y, omega = rk4(self.p, p, self.p.ground_effect, before, omega, command, below, tau, p.dt)
                 way += position_of(y) + p.dt * met
+            if ti.static(self.sampled.ahead > 0.0):
+                rate = (1.0 / p.dt) * (with_position(y, still) - before)
             y = with_position(y, start + way)
-            sea += rise
+            sea += 0.5 * rise
             time += p.dt
-            if ti.static(not build.air.steady):
-                count = clock * ti.static(self.substeps + 1) + n
-                gust = local_air.turbulence_step(build.air, gust, f, seed, count, env, i)
-                new = local_air.velocity_at(build.air, wind_10, shear, gust, f, v_mean, y, time)
-                y = with_velocity(y, velocity_of(y) + attitude_of(y).transpose() @ (met - new))
-                met = new
+        if ti.static(not build.air.steady):
+            new = local_air.velocity_at(build.air, wind_10, shear, gust, v_mean, y, time)
+            y = with_velocity(y, velocity_of(y) + attitude_of(y).transpose() @ (met - new))
+            met = new
         if ti.static(build.decked):
             touch.blow[e, i, 0] = blow
             if by_deck > 0:
@@ -325,16 +355,17 @@ class Multirotor6DOF(Vehicle):
             self.save(p, self.p.ground_effect, fleet, e, i, start, way, y, met, omega, -y[2] - sea)
         put(fleet.aux, e, i, at.TIME, [time, voltage, charge, rates[0], rates[1], rates[2]])
         put(fleet.aux, e, i, at.VELOCITY_WANTED, [toward[0], toward[1], toward[2]])
-        put(fleet.aux, e, i, at.TURBULENCE, [gust[0], gust[1], gust[2], gust[3], gust[4]])
+        put(fleet.aux, e, i, at.TURBULENCE, [eddies[0], eddies[1], eddies[2], eddies[3], eddies[4]])
         put(fleet.aux, e, i, at.INTEGRALS, [held[0], held[1], held[2], held[3], held[4], held[5], held[6], held[7]])
 
     @ti.func
     def commanded(self, action, y, R, v_n, held, most, landed):
         """Rotor speeds (rad/s) that the actions command at the state y, which moves over ground with v_n (n, m/s).
 
-        Also returns the controller's state (8: integrals, held heading) a substep later, and the body rates (rad/s) and
-        velocity (n, m/s) demanded. landed: number of soles on a deck.
+        Also returns the controller's state (8: integrals, held heading) at its next reading, and the body rates (rad/s)
+        and velocity (n, m/s) demanded. landed: number of soles on a deck.
         """
+        dt = ti.static(self.sampled.interval)
         command = ti.Vector([y[0] * 0.0 for _ in ti.static(range(self.count))])
         omega_b, new = rates_of(y), held
         rates, toward = omega_b, v_n
@@ -358,8 +389,8 @@ class Multirotor6DOF(Vehicle):
                 toward = controller.velocity_wanted(self.demands, action, nose[0], nose[1])
                 slow = ti.Vector([held[3], held[4], held[5]])
                 turn = self.demands.yaw_rate * action[3]
-                c, slow = controller.specific_thrust(self.gains, self.demands, toward, v_n, turn, slow, self.dt)
-                rate, nose = controller.heading_rate(self.gains, R, turn, nose, self.dt)
+                c, slow = controller.specific_thrust(self.gains, self.demands, toward, v_n, turn, slow, dt)
+                rate, nose = controller.heading_rate(self.gains, R, turn, nose, dt)
                 rates = controller.rates_toward(self.gains, self.demands, R, c, rate)
                 new[6], new[7] = nose[0], nose[1]
                 z = ti.Vector([R[0, 2], R[1, 2], R[2, 2]])
@@ -370,7 +401,7 @@ class Multirotor6DOF(Vehicle):
             low, high = ti.static(self.plan.rotor.k_f * self.plan.rotor.omega_min**2), k_f * most * most
             fast = ti.Vector([held[0], held[1], held[2]])
             thrust, fast = controller.rotor_thrusts(
-                self.allocation, self.gains, self.board, T, rates, omega_b, fast, low, high, self.dt
+                self.allocation, self.gains, self.board, T, rates, omega_b, fast, low, high, dt
             )
             for k in ti.static(range(3)):
                 new[k] = fast[k]

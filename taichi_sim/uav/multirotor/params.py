@@ -109,6 +109,7 @@ class Control(Strict):
     """The kind of actions, and the speeds and rates that an action of 1 commands (controller.py)."""
 
     actions: Actions = "velocity"
+    rate_hz: Annotated[float, Field(gt=0, le=1000)] = 50.0  # readings of its instruments a second, for all loops
     speed: Positive = 8.0  # horizontal speed over ground at actions of 1, m/s
     climb: Positive = 3.0  # m/s
     descent: Positive = 2.0  # m/s
