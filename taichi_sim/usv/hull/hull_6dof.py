@@ -368,13 +368,17 @@ class Hull6Dof(Vessel):
                 turn = ti.select(n == 0, 0.5 * p.dt, p.dt)
                 way, q, R = motion.drift(p.dt, way, q, nu, turn)
                 pos = start + way
+            else:
+                middle_way, _q, R = motion.drift(p.dt, way, q, nu, 0.5 * p.dt)
+                pos = start + middle_way
             sums, L, J = water.at(self.gauge, build, around, e, tau, pos, R, D + change)
             D_next = L - ti.Vector([pos[0], pos[1]])
             fresh = D.norm_sqr() + change.norm_sqr() == 0.0  # without a last step there is no change
             change = ti.select(fresh, 0.0, 1.0) * (D_next - D)
             D = D_next
             plane = water.mean_plane(sums, R)
-            blown = motion.wind_load(self.params.windage.height, p, R, nu, air)
+            middle = nu + 0.5 * p.dt * nu_dot  # with linear restoring, nu_dot is zero
+            blown = motion.wind_load(self.params.windage.height, p, R, middle, air)
             if ti.static(self.by_panels):
                 up = water.pressure_load(
                     self.pressure, build, around, tables, fleet.lanes, e, i, tau, pos, R, L, J, plane
@@ -383,7 +387,7 @@ class Hull6Dof(Vessel):
                 now = self.drive.lagged(self.thrusters, p, controls, command, 0.5)
                 driven = self.drive.load(self.thrusters, p, now)
                 tau_D, rate_D, bend_D = self.radiation.diffraction_from(
-                    p.dt, build, around, tables, e, n, tau, R, nu, L, change, tau_D, rate_D, bend_D
+                    p.dt, build, around, tables, e, n, tau, R, middle, L, change, tau_D, rate_D, bend_D
                 )
                 driven += self.radiation.diffraction_load(p.dt, n, tau_D, rate_D, bend_D)
                 driven += self.radiation.memory_load(p.dt, tables, fleet.lanes, e, i, R, nu, nu_dot, V_c)

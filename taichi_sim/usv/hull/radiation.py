@@ -29,8 +29,9 @@ in short waves, X turns k L / 2 times. The number of courses is therefore chosen
 of them is at most OFF times the largest load (`courses_of`). For slower waves than those of the database, diffraction
 goes as omega^2; for faster ones it fades to zero at FADED times the highest frequency.
 
-In a control step the load is summed once per STRETCH of phase of waves at the hull's highest resonance, together with
-its first and second rates of change. For shorter waves, which hardly move the hull, the error is larger.
+In a control step the load is summed in equal stretches of time, of at most STRETCH of phase of waves at the hull's
+highest resonance, whatever the physics step, together with its first and second rates of change. For shorter waves,
+which hardly move the hull, the error is larger.
 
 Mean drift is an option, by Newman's (1974) approximation of the slowly varying load of pairs of components i and j,
 
@@ -78,6 +79,7 @@ OFF = 0.03  # largest error halfway between two courses, over the largest load o
 ABSENT = 1e-6  # smaller loads, over a mode's largest load at any frequency, are rounding errors
 FADED = 1.3  # times the highest frequency of a database: no diffraction from there on
 STRETCH = 0.9  # rad; the third term of the Taylor series, (STRETCH / 2)^3 / 6, is 1.5 % of the load
+WHOLE = 1e-6  # of a stretch: a rest below it is rounding
 TOP = 2.5  # default ratio of the highest frequency of a database to its highest resonance
 WAVE, DRIFT = 12, 3  # numbers per entry: real and imaginary parts of six loads; three more with drift
 POINTS = 4  # points of a cubic
@@ -117,9 +119,9 @@ class Diffraction:
         parts = [left.real, left.imag, *([mean.real[..., [0, 1, 5]]] if drift else [])]
         self.omega, self.table = database.omega, np.concatenate(parts, axis=-1)  # [n, courses, size]
 
-    def stretch(self, dt: float) -> int:
-        """Number of steps of dt (s) for which the load is summed once."""
-        return max(1, int(STRETCH / (self.resonance * dt)))
+    def stretches(self, interval: float) -> int:
+        """Number of sums of the load in a control step of `interval` (s)."""
+        return max(1, math.ceil(interval * self.resonance / STRETCH - WHOLE))
 
     @property
     def size(self) -> int:
@@ -369,7 +371,8 @@ class Radiation:
         contains step n.
 
         They are new at the beginning of a stretch; else they are those of the previous step. tau (s) is the time in the
-        middle of step n. L is the hull's label there (water.at); its displacement changes by `change` (m) per step.
+        middle of step n, nu the velocity and L the hull's label there (water.at), whose displacement changes by
+        `change` (m) per step.
         """
         return load, rate, bend
 
@@ -433,7 +436,7 @@ class DatabaseRadiation(Radiation):
         self.filters, self.first = Bank.of(self.memory.modes, dt), first
         self.columns = self.filters.size
         self.diffraction = Diffraction(database, h.drift)
-        self.stretch = min(self.diffraction.stretch(dt), substeps)  # steps for which diffraction is summed once
+        self.substeps, self.stretches = substeps, min(self.diffraction.stretches(dt * substeps), substeps)
 
     def filter_table(self, dt: float) -> Tensor:
         """Numbers of the memory's filters for steps of dt (s), in lanes."""
@@ -467,19 +470,25 @@ class DatabaseRadiation(Radiation):
         L, change, load, rate, bend
     ):  # fmt: skip
         """Sum over the components of the sea at the beginning of a stretch."""
-        if n % ti.static(self.stretch) == 0:
-            ahead = ti.static(0.5 * (self.stretch - 1)) * dt
+        if n * ti.static(self.stretches) % ti.static(self.substeps) < ti.static(self.stretches):
+            ahead = -self.since_middle(dt, n)
             velocity = (R @ linear(nu))[:2] + change * (1 / dt)
             load, rate, bend = diffracted(
                 self.diffraction, tables.diffraction, build, around,
-                e, L + ahead * velocity, velocity, tau + ahead, ti.atan2(R[1, 0], R[0, 0]),
+                e, L + ahead * velocity, velocity, tau + ahead, ti.atan2(R[1, 0], R[0, 0]) + ahead * nu[5],
             )  # fmt: skip
         return load, rate, bend
 
     @ti.func
+    def since_middle(self, dt: ti.template(), n):
+        """Time (s) in the middle of step n since the middle of its stretch."""
+        stretch = n * ti.static(self.stretches) // ti.static(self.substeps)
+        return (n + 0.5 - (stretch + 0.5) * ti.static(self.substeps / self.stretches)) * dt
+
+    @ti.func
     def diffraction_load(self, dt: ti.template(), n, load, rate, bend):
         """Evaluate the Taylor series."""
-        since = (n % ti.static(self.stretch) - ti.static(0.5 * (self.stretch - 1))) * dt
+        since = self.since_middle(dt, n)
         return load + since * (rate + 0.5 * since * bend)
 
     @ti.func
