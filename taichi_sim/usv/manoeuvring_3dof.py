@@ -43,7 +43,17 @@ from taichi_sim.kernels.abreast import taken, taken2
 from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, own_numbers
 from taichi_sim.kernels.runtime import array2
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.usv.plane import AT_ONCE, elevations, in_plane, planar, water_plane, wave_load, write_rates, write_state
+from taichi_sim.usv.plane import (
+    AT_ONCE,
+    elevations,
+    first_plane,
+    in_plane,
+    planar,
+    water_plane,
+    wave_load,
+    write_rates,
+    write_state,
+)  # fmt: skip
 from taichi_sim.usv.vessel import Number, Vessel, steady_speed
 from taichi_sim.vehicle import Limits, Vehicles
 
@@ -185,8 +195,9 @@ ACTION_NAMES = {"acceleration_yaw": ("acceleration", "yaw"), "surge_sway_yaw": (
 AUX = (
     "displacement_north", "displacement_east", "displacement_change_north", "displacement_change_east",  # m
     "wave_X", "wave_Y", "wave_N", "X", "Y", "N",  # N, N m
+    "twist", "elevation_change", "slope_ahead_change", "slope_right_change", "twist_change",  # 1/m, m, 1, 1, 1/m
 )  # fmt: skip
-LABEL, WAVE, CONTROLS = (AUX.index(name) for name in ("displacement_north", "wave_X", "X"))  # first column of each
+LABEL, TWIST, WAVE, CONTROLS = map(AUX.index, ("displacement_north", "twist", "wave_X", "X"))  # first column of each
 
 
 @ti.data_oriented
@@ -196,9 +207,9 @@ class Manoeuvring3dof(Vessel):
     Actions are in [-1, 1]. Acceleration maps to X in [0, surge_force_max], yaw to N = yaw_moment_max yaw. With actions
     = "surge_sway_yaw" all three are symmetric. Controls are the forces X, Y (N) and the moment N (N m).
 
-    The auxiliary state (`aux_names`) holds three parts. The first is the displacement of the surface particle at the
-    hull's centre and its change in the last substep (found as in unity_boat.py). The second is the wave load of the
-    surface at the end of the last substep, zero before the first. The third is the controls. The vessel follows the
+    The auxiliary state (`aux_names`) holds the displacement of the surface particle at the hull's centre and its change
+    in the last substep (found as in unity_boat.py), the wave load in the middle of the next one, extrapolated, the
+    controls, the twist of the water plane, and the change of the plane in the last substep. The vessel follows the
     surface, so it cannot capsize or be swamped. The current at the surface acts on it; the wind does not.
     """
 
@@ -297,10 +308,16 @@ class Manoeuvring3dof(Vessel):
         plane, memory, actions, tau, V_c,
     ):  # fmt: skip
         """Advance vehicle i of environment e by one control step, and store it."""
-        before = plane
         D = ti.Vector([memory[LABEL], memory[LABEL + 1]])
         change = ti.Vector([memory[LABEL + 2], memory[LABEL + 3]])
         wave = ti.Vector([memory[WAVE + k] for k in ti.static(range(3))])
+        plane[3] = memory[TWIST]
+        risen = ti.Vector([memory[TWIST + 1 + k] for k in ti.static(range(4))])  # change of the plane in a substep
+        rate = plane * 0.0
+        if D.norm_sqr() + change.norm_sqr() == 0.0:  # without a last step
+            D, plane = first_plane(around, build, e, start, s, self.p.length, self.p.beam)
+            if ti.static(self.p.wave_response):
+                wave = wave_load(p, plane)
         controls = ti.Vector([memory[CONTROLS + k] for k in ti.static(range(3))])
         command = self.commanded(p, actions)
         outside = in_plane(tau)
@@ -313,15 +330,20 @@ class Manoeuvring3dof(Vessel):
             )
             change = D_next - D
             D = D_next
-            before = plane
+            before, risen_before = plane, risen
             plane = water_plane(ti.static(self.p.length), ti.static(self.p.beam), heights)
+            risen = plane - before
+            rate = (1.5 * risen - 0.5 * risen_before) / p.dt  # of the parabola through the last three planes
             if ti.static(self.p.wave_response):
-                wave = wave_load(p, plane)
+                wave = wave_load(p, plane + 0.5 * risen)  # in the middle of the next substep
         for k in ti.static(range(2)):
             memory[LABEL + k], memory[LABEL + 2 + k] = D[k], change[k]
         for k in ti.static(range(3)):
             memory[WAVE + k], memory[CONTROLS + k] = wave[k], controls[k]
-        write_state(fleet, e, i, start, s, plane, before, memory, V_c, p.dt)
+        memory[TWIST] = plane[3]
+        for k in ti.static(range(4)):
+            memory[TWIST + 1 + k] = risen[k]
+        write_state(fleet, e, i, start, s, plane, rate, memory, V_c)
 
     @ti.func
     def commanded(self, p: ti.template(), actions):

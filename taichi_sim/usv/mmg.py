@@ -59,7 +59,17 @@ from taichi_sim.kernels.rigid_body import Number
 from taichi_sim.kernels.runtime import array2
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.mmg_params import HullDerivatives, HullPolynomial, MmgParams, Propeller, Rudder
-from taichi_sim.usv.plane import AT_ONCE, elevations, in_plane, planar, water_plane, wave_load, write_rates, write_state
+from taichi_sim.usv.plane import (
+    AT_ONCE,
+    elevations,
+    first_plane,
+    in_plane,
+    planar,
+    water_plane,
+    wave_load,
+    write_rates,
+    write_state,
+)  # fmt: skip
 from taichi_sim.usv.vessel import RHO_AIR, Vessel, wind_forces
 from taichi_sim.vehicle import Limits, Vehicles
 
@@ -277,8 +287,9 @@ AUX = (
     "displacement_north", "displacement_east", "displacement_change_north", "displacement_change_east",  # m
     "wave_X", "wave_Y", "wave_N",  # N, N m
     "propeller", "rudder", "thrust",  # 1/s, rad, N
+    "twist", "elevation_change", "slope_ahead_change", "slope_right_change", "twist_change",  # 1/m, m, 1, 1, 1/m
 )  # fmt: skip
-LABEL, WAVE, CONTROLS, THRUST = (AUX.index(name) for name in ("displacement_north", "wave_X", "propeller", "thrust"))
+LABEL, TWIST, WAVE, CONTROLS, THRUST = map(AUX.index, ("displacement_north", "twist", "wave_X", "propeller", "thrust"))
 
 
 @ti.data_oriented
@@ -290,9 +301,10 @@ class Mmg3Dof(Vessel):
     rudder angle (rad).
 
     The auxiliary state (`aux_names`) holds the displacement of the surface particle at the hull's centre and its change
-    in the last substep (found as in unity_boat.py), the wave load of the surface at the end of the last substep, the
-    controls, and the thrust of all propellers. The ship follows the surface, so it cannot capsize or be swamped. The
-    current at the surface and the wind on its areas act on it.
+    in the last substep (found as in unity_boat.py), the wave load in the middle of the next one, extrapolated, the
+    controls, the thrust of all propellers, the twist of the water plane, and the change of the plane in the last
+    substep. The ship follows the surface, so it cannot capsize or be swamped. The current at the surface and the wind
+    on its areas act on it.
     """
 
     Params = MmgParams
@@ -391,10 +403,16 @@ class Mmg3Dof(Vessel):
         plane, memory, action, tau, V_c, V_w,
     ):  # fmt: skip
         """Advance vehicle i of environment e by one control step, and store it."""
-        before = plane
         D = ti.Vector([memory[LABEL], memory[LABEL + 1]])
         change = ti.Vector([memory[LABEL + 2], memory[LABEL + 3]])
         wave = ti.Vector([memory[WAVE + k] for k in ti.static(range(3))])
+        plane[3] = memory[TWIST]
+        risen = ti.Vector([memory[TWIST + 1 + k] for k in ti.static(range(4))])  # change of the plane in a substep
+        rate = plane * 0.0
+        if D.norm_sqr() + change.norm_sqr() == 0.0:  # without a last step
+            D, plane = first_plane(around, build, e, start, s, self.p.length, self.p.beam)
+            if ti.static(self.p.wave_response):
+                wave = wave_load(p, plane)
         controls = ti.Vector([memory[CONTROLS], memory[CONTROLS + 1]])
         command = ti.Vector([action[0] * ti.select(action[0] > 0, p.n_ahead, p.n_astern), action[1] * p.angle_max])
         outside = in_plane(tau)
@@ -408,16 +426,21 @@ class Mmg3Dof(Vessel):
             )
             change = D_next - D
             D = D_next
-            before = plane
+            before, risen_before = plane, risen
             plane = water_plane(ti.static(self.p.length), ti.static(self.p.beam), heights)
+            risen = plane - before
+            rate = (1.5 * risen - 0.5 * risen_before) / p.dt  # of the parabola through the last three planes
             if ti.static(self.p.wave_response):
-                wave = wave_load(p, plane)
+                wave = wave_load(p, plane + 0.5 * risen)  # in the middle of the next substep
         for k in ti.static(range(2)):
             memory[LABEL + k], memory[LABEL + 2 + k], memory[CONTROLS + k] = D[k], change[k], controls[k]
         for k in ti.static(range(3)):
             memory[WAVE + k] = wave[k]
         memory[THRUST] = thrust(p, s[3], s[4], s[5], controls[0])
-        write_state(fleet, e, i, start, s, plane, before, memory, V_c, p.dt)
+        memory[TWIST] = plane[3]
+        for k in ti.static(range(4)):
+            memory[TWIST + 1 + k] = risen[k]
+        write_state(fleet, e, i, start, s, plane, rate, memory, V_c)
 
     @ti.func
     def derivatives(self, p: ti.template(), s, controls, outside, V_c, V_w):

@@ -24,6 +24,7 @@ from taichi_sim.kernels.rotation import (
 )
 from taichi_sim.sea import waves
 
+LABEL_STEPS = 4  # fixed-point steps for the displacement, from zero
 AT_ONCE = 1e-300  # s; added to an actuator's time constant, so that one without lag follows at once
 
 
@@ -90,6 +91,18 @@ def elevations(
 
 
 @ti.func
+def first_plane(around: ti.template(), build: ti.template(), e, start, s, length: ti.template(), beam: ti.template()):
+    """Displacement (m) of the water at the centre, and water plane, at the beginning of a control step, without a
+    prediction.
+    """
+    now = s[0] * 0.0
+    D, heights = ti.Vector([now, now]), ti.Vector([now, now, now, now])
+    for _ in range(LABEL_STEPS):
+        D, heights = elevations(around, build, e, now, start, s, D, length, beam)
+    return D, water_plane(length, beam, heights)
+
+
+@ti.func
 def attitude(psi, r, plane, rate):
     """Quaternion of heading psi on the water plane, and body rates (rad/s) while the plane changes by `rate`.
 
@@ -113,16 +126,16 @@ def attitude(psi, r, plane, rate):
 
 
 @ti.func
-def write_state(fleet: ti.template(), e, i, start, s, plane, before, memory, V_c, dt):
+def write_state(fleet: ti.template(), e, i, start, s, plane, rate, memory, V_c):
     """Write all columns of vehicle i in environment e: planar motion s on the water plane, auxiliary state `memory`.
 
-    The control step began at `start` (m, n). `before` is the water plane a substep of dt (s) earlier.
+    The control step began at `start` (m, n). The water plane changes by `rate` a second.
     """
-    q, omega = attitude(s[2], s[5], plane, (plane - before) / dt)
+    q, omega = attitude(s[2], s[5], plane, rate)
     R_nb = rotation_matrix(q)
     c, sine = heading(R_nb)
     v_n = ti.Vector([c * s[3] - sine * s[4] + V_c[0], sine * s[3] + c * s[4] + V_c[1], 0.0])
-    v_n[2] = (before[0] - plane[0]) / dt
+    v_n[2] = -rate[0]
     store(fleet.derived, e, i, R_nb, v_n)
     v_b = R_nb.transpose() @ v_n
     move(fleet, e, i, start, ti.Vector([s[0], s[1]]), [-plane[0], q[0], q[1], q[2], q[3]])
