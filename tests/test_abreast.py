@@ -38,7 +38,7 @@ def _step(x: _array3, keys: ti.types.ndarray(dtype=ti.i32, ndim=1), out: _array3
 
 
 def test_groups_and_single_vehicles_agree():
-    """To rounding, because groups round a product and a sum once; the last group, which is not full, too."""
+    """To rounding; the last group, which is not full, too."""
     run = runtime.current()
     x = torch.randn((ENVS, COUNT, 1), generator=torch.Generator().manual_seed(1)).to(run.torch_dtype)
     keys = torch.arange(2 + ENVS, dtype=torch.int32)

@@ -1,5 +1,5 @@
 """What kernels share: start of Taichi, arguments, vectors, fast functions, rotations, rigid bodies, random numbers."""
 
-from taichi_sim.kernels import runtime
+from taichi_sim.kernels import taichi_patches
 
-runtime.quicken()
+taichi_patches.install()

@@ -7,34 +7,33 @@ vehicles at a time, and each number in it is a vector of lanes:
     mass = taken(fleet.numbers, e, i, 0)            # a number of each
     put(fleet.aux, e, i, k, mass)
 
-`ti.Vector` and `ti.Matrix` of such numbers are `Laned`. The same functions then serve one vehicle and a group, if they
+`ti.Vector` and `ti.Matrix` of such numbers are `Laned`, by changes of Taichi's front end (taichi_patches.py). The same
+functions then serve one vehicle and a group, if they keep to docs/kernels.md.
 
-- choose by `ti.select` in place of `if`; `if some(condition)` skips what no vehicle of the group needs,
-- call no function of a library, except the square root.
-
-Where the width is 1 (f64, GPUs) the numbers are scalars. Members beyond the last vehicle are copies of it: they read
-and write the same.
-
-This module changes internals of Taichi 1.7, the version that pyproject.toml pins (`teach`).
+Where the width is 1 (f64, GPUs, an unchanged Taichi) the numbers are scalars. Members beyond the last vehicle are
+copies of it: they read and write the same.
 """
 
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false, reportAttributeAccessIssue=false, reportIndexIssue=false
 
 import operator
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from functools import cache, reduce
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from functools import reduce
 from typing import Any
 
 import taichi as ti
-from taichi._lib import core
-from taichi.lang import impl, matrix, matrix_ops, ops
+from taichi.lang import impl, matrix, ops
 from taichi.lang.common_ops import TaichiOperations
 from taichi.lang.expr import Expr
 
 from taichi_sim.kernels import lanes
-from taichi_sim.kernels.lanes import AUGMENTED, align_stack, in_kernels, is_laned, part
+from taichi_sim.kernels.lanes import in_kernels, is_laned, part
+
+AUGMENTED: dict[str, Callable[[Any, Any], Any]] = {
+    "Add": operator.add, "Sub": operator.sub, "Mult": operator.mul, "Div": operator.truediv
+}  # fmt: skip
 
 
 class Laned(TaichiOperations):
@@ -63,7 +62,7 @@ class Laned(TaichiOperations):
     @in_kernels
     def dot(self, other: Any) -> Any:
         """Scalar product of vectors."""
-        return impl.expr_init(reduce(operator.add, [x * _entry(other, k) for k, x in enumerate(self.entries)]))
+        return impl.expr_init(reduce(operator.add, [x * entry(other, k) for k, x in enumerate(self.entries)]))
 
     @in_kernels
     def norm(self) -> Any:
@@ -75,11 +74,11 @@ class Laned(TaichiOperations):
         """Sum of the entries of a vector."""
         return impl.expr_init(reduce(operator.add, self.entries))
 
-    def _times(self, other: Any) -> "Laned":
+    def times(self, other: Any) -> "Laned":
         """Product of a matrix and a vector or a matrix."""
         rows, inner = len(self.entries) // self.columns, range(self.columns)
         if getattr(other, "columns", 0) == 0:
-            of = [[_entry(other, k) for k in inner]]
+            of = [[entry(other, k) for k in inner]]
         else:
             of = [[other[k, c] for k in inner] for c in range(other.columns)]
         products = [reduce(operator.add, [self[r, k] * x[k] for k in inner]) for r in range(rows) for x in of]
@@ -87,7 +86,7 @@ class Laned(TaichiOperations):
 
     def _assign(self, other: Any) -> None:
         for k, x in enumerate(self.entries):
-            x._assign(_entry(other, k))
+            x._assign(entry(other, k))
 
     def _augassign(self, other: Any, by: str) -> None:
         self._assign(AUGMENTED[by](self, other))
@@ -98,7 +97,7 @@ def _alike(x: Any) -> Any:
     return matrix.make_matrix([impl.expr_init(float(x) if isinstance(x, int) else x)] * lanes.WIDTH)
 
 
-def _entry(x: Any, k: int) -> Any:
+def entry(x: Any, k: int) -> Any:
     """Entry k of a vector or matrix; a number itself."""
     if isinstance(x, Laned):
         return x.entries[k]
@@ -107,53 +106,9 @@ def _entry(x: Any, k: int) -> Any:
     return x
 
 
-@cache
-def teach() -> None:
-    """Let Taichi's front end treat `Laned` as a vector, and compile all operators for whole vectors."""
-    lanes.teach()
-    kept, made, product = impl.expr_init, matrix.make_matrix, matrix_ops.matmul
-
-    def expr_init(x: Any) -> Any:
-        return Laned(x.entries, x.columns) if isinstance(x, Laned) else kept(x)
-
-    def make_matrix(rows: Any, dt: Any = None) -> Any:
-        entries = [x for row in rows for x in row] if len(rows) and isinstance(rows[0], list | tuple) else rows
-        if any(is_laned(x) for x in entries):
-            return Laned(entries, 0 if entries is rows else len(rows[0]))
-        return made(rows, dt)
-
-    def matmul(a: Any, b: Any) -> Any:
-        return a._times(b) if isinstance(a, Laned) else product(a, b)
-
-    def by_entries(plain: Callable[..., Any]) -> Callable[..., Any]:
-        def operation(function: Any, of_python: Any, *args: Any) -> Any:
-            vector = next((x for x in args if isinstance(x, Laned)), None)
-            if vector is not None:
-                each = range(len(vector.entries))
-                return Laned([operation(function, of_python, *(_entry(x, k) for x in args)) for k in each],
-                             vector.columns)  # fmt: skip
-            if function is core.expr_neg and is_laned(args[0]):
-                return 0.0 - args[0]
-            if function is core.expr_abs and is_laned(args[0]):
-                return ops.select(args[0] < 0.0, 0.0 - args[0], args[0])
-            return plain(function, of_python, *args)
-
-        return operation
-
-    impl.expr_init, matrix.make_matrix, matrix_ops.matmul = expr_init, make_matrix, matmul
-    for name in ("_unary_operation", "_binary_operation", "_ternary_operation"):
-        setattr(ops, name, by_entries(getattr(ops, name)))
-
-
-@contextmanager
-def vectors() -> Iterator[None]:
-    """Within this context, compile kernels for groups, unless their width is 1."""
-    if lanes.width() == 1:
-        yield
-    else:
-        teach()
-        with lanes.vectors():
-            yield
+def vectors() -> AbstractContextManager[None]:
+    """Return the context in which kernels for groups are compiled: `lanes.vectors`, unless their width is 1."""
+    return nullcontext() if lanes.width() == 1 else lanes.vectors()
 
 
 class Record:
@@ -172,7 +127,6 @@ def group(width: ti.template(), first, envs, count):
 
     Vehicles are counted through all `envs` environments, `count` in each. Members beyond the last are copies of it.
     """
-    align_stack()
     e, i = first // count, first % count
     if ti.static(width > 1):
         envs_of, numbers_of = ti.Vector([e] * width), ti.Vector([i] * width)

@@ -18,7 +18,6 @@ import numpy as np
 import taichi as ti
 from torch import Tensor
 
-from taichi_sim.kernels.lanes import WIDTH, in_kernels, linked
 from taichi_sim.kernels.rotation import quaternion_product
 
 Number = float | Tensor
@@ -104,33 +103,11 @@ def times(matrix: ti.template(), x):
     cost nothing.
     """
     y = x * 0.0
-    if ti.static(by_columns(matrix)):
-        first = column(matrix, 0)
-        total = x[0] * first
-        for j in ti.static(range(1, 6)):
-            each = column(matrix, j)
-            total += x[j] * each
-        for i in ti.static(range(6)):
-            y[i] = total[i]
-    else:
-        for i in ti.static(range(6)):
-            for j in ti.static(range(6)):
-                if ti.static(not is_nothing(matrix[i][j])):
-                    y[i] += matrix[i][j] * x[j]
+    for i in ti.static(range(6)):
+        for j in ti.static(range(6)):
+            if ti.static(not is_nothing(matrix[i][j])):
+                y[i] += matrix[i][j] * x[j]
     return y
-
-
-@in_kernels
-def by_columns(matrix: Sequence[Sequence[object]]) -> bool:
-    """Whether `times` adds whole columns in lanes: if the kernel fuses products and sums, and all entries are known."""
-    known = [entry for row in matrix for entry in row if isinstance(entry, float)]
-    return linked() and len(known) == len(matrix) ** 2 and sum(map(bool, known)) > len(matrix)
-
-
-@in_kernels
-def column(matrix: Matrix6, j: int) -> ti.Matrix:
-    """Column j in the first lanes of a vector."""
-    return ti.Vector([row[j] for row in matrix] + [0.0] * (WIDTH - len(matrix)))
 
 
 @ti.func

@@ -7,43 +7,31 @@ in a forked process, which has none of Taichi's threads.
 
 Settings of torch belong to the whole process, and a caller may have others than this package relies on. All work is
 done within `own_settings`, which also lets one thread work at a time.
-
-`quicken` patches internals of Taichi 1.7, the version that pyproject.toml pins, so that it reads kernels in about half
-the time. Taichi inlines every use of a function: it looks up the source, wraps it line by line and parses it anew. For
-each node it also composes an error message with the node's source lines and carets, which is hardly ever printed. Here
-sources and wrapped lines are cached, and carets are drawn for errors only. To learn whether a decorated function is in
-a class, Taichi goes through all imported modules; here it reads the line.
 """
 
 # Kernels are another language inside Python syntax.
 # pyright: reportOptionalMemberAccess=false, reportAttributeAccessIssue=false
 
-import ast
 import atexit
 import contextlib
 import ctypes
 import io
-import linecache
 import os
 import shutil
 import sys
 import tempfile
-import textwrap
 import threading
 import time
 import weakref
 from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, Literal, NamedTuple, cast
 
 import taichi as ti
 import torch
-from taichi.lang import impl, kernel_impl
+from taichi.lang import impl
 from taichi.lang.argpack import ArgPack, ArgPackType
-from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 from taichi.lang.kernel_impl import Kernel
 from taichi.types.annotations import template
 
@@ -52,7 +40,6 @@ array1, array2, array3, array4, array5 = cast(Any, [ti.types.ndarray(ndim=n) for
 """Types of kernels' arguments: tensors of one to five axes, of the run's precision."""
 whole1 = cast(Any, ti.types.ndarray(dtype=ti.i32, ndim=1))
 """Type of kernels' arguments: int32, one axis."""
-_with_carets = ASTTransformerContext.get_pos_info
 
 
 FORKED = (
@@ -99,6 +86,8 @@ class Runtime:
             )
 
 
+PATCHED = not os.environ.get("TAICHI_SIM_NO_PATCHES")
+"""Whether this process changes Taichi's own code (taichi_patches.py)."""
 CACHE = "TI_OFFLINE_CACHE_FILE_PATH"  # environment variable: Taichi's folder of compiled kernels
 _own_cache: str | None = None  # a temporary one, of a process that cannot write to that
 _current: Runtime | None = None
@@ -506,31 +495,3 @@ def _same(args: tuple[object, ...], before: tuple[object, ...]) -> bool:
     return len(args) == len(before) and all(
         a is b or (isinstance(a, tuple) and a == b) for a, b in zip(args, before, strict=True)
     )
-
-
-def quicken() -> None:
-    """Install the faster front end in this process, before kernels are declared; a second call does nothing."""
-    if ASTTransformerContext.get_pos_info is _position:
-        return
-    ASTTransformerContext.get_pos_info = _position
-    kernel_impl.getsourcelines = cache(kernel_impl.getsourcelines)
-    kernel_impl.getsourcefile = cache(kernel_impl.getsourcefile)
-    kernel_impl.textwrap = SimpleNamespace(fill=cache(textwrap.fill), dedent=cache(textwrap.dedent))
-    kernel_impl._inside_class = _inside_class
-
-
-def _inside_class(level_of_class_stackframe: int) -> bool:
-    """Whether the statement of a frame, that many calls up, begins a class."""
-    try:
-        frame = sys._getframe(level_of_class_stackframe)
-    except ValueError:  # a function of a script itself
-        return False
-    statement = linecache.getline(frame.f_code.co_filename, frame.f_lineno).strip()
-    return any(pattern.match(statement) for pattern in kernel_impl._KERNEL_CLASS_STACKFRAME_STMT_RES)
-
-
-def _position(context: ASTTransformerContext, node: ast.expr | ast.stmt) -> str:
-    """Return the position of a node; source lines and carets are added once an error was raised there."""
-    if context.raised:
-        return _with_carets(context, node)
-    return f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {context.func.func.__name__}:\n'

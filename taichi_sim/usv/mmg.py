@@ -207,7 +207,7 @@ def followed(p: ti.template(), now, command, close_n, close_delta, share):
     """
     most = ti.Vector([share * p.n_step, share * p.delta_step])
     way = ti.Vector([(command[0] - now[0]) * close_n, (command[1] - now[1]) * close_delta])
-    return now + ti.max(ti.min(way, most), 0.0 - most)  # not -most (lanes.py)
+    return now + ti.max(ti.min(way, most), -most)
 
 
 @ti.func

@@ -46,7 +46,7 @@ def test_a_straight_run_in_calm_water_is_straight_to_the_last_bit(constant_model
 
 @pytest.mark.slow
 def test_a_ship_whose_numbers_vary_follows_propeller_and_rudder_as_one_of_the_file(make_model, bench):
-    """Rates of change are vectors of numbers then, which Taichi cannot negate where it keeps vectors whole."""
+    """Rates of change are vectors of numbers then, and negated."""
     model, found = make_model("kvlcc2_6dof", 0.05, 2, hydrodynamics={"radiation": "constant"}), []
     for numbers in ({}, {"rigid_body.mass": model.nominal["rigid_body.mass"]}):
         team = bench(model, calm_sea()).put(velocity_b=(1.0, 0.0, 0.0))

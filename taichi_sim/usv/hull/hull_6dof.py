@@ -41,7 +41,7 @@ from taichi_sim.config import ConfigError
 from taichi_sim.conventions import EAST, ELEVATION, FREEBOARD, NORTH, QW
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken2
-from taichi_sim.kernels.lanes import align_stack, laned, laned1, laned3, vectors
+from taichi_sim.kernels.lanes import laned, laned1, laned3, vectors
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, own_numbers
 from taichi_sim.kernels.position import move
 from taichi_sim.kernels.rigid_body import angular, linear
@@ -338,7 +338,6 @@ class Hull6Dof(Vessel):
     def _step(self, fleet: FleetPack, around: AroundPack, tables: TablesPack, build: ti.template()):
         ti.loop_config(serialize=build.serial)
         for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
-            align_stack()
             self.advance(own_numbers(self, build, fleet.numbers, e, i), build, fleet, around, tables, e, i)
 
     @ti.func
