@@ -27,6 +27,7 @@ SCRIPTS = {  # name -> module, further arguments, description
         (),
         "standard trials of a vessel (turning circle, zigzag) or an aircraft",
     ),
+    "step": ("taichi_sim.commands.step", (), "the physics step that a vehicle needs, by the error of its motion"),
     "fit": ("taichi_sim.commands.fit", (), "numbers of a vehicle file from logs of a vessel's motion, with intervals"),
     "sitl": ("taichi_sim.commands.sitl", (), "be the physics of ArduPilot's SITL (JSON interface) or PX4's (MAVLink)"),
     "hydrodynamics": ("tools.hydrodynamics", (), "a hull's added mass, damping and wave loads from its mesh"),

@@ -23,7 +23,7 @@ from taichi_sim.vehicles import Changes, load_vehicle
 
 Array = NDArray[np.float64]
 INTERVAL = 0.2  # s, actions are held this long
-LENGTHS = 8.0  # wave length of the spectrum's peak over the length of a vessel
+LENGTHS = 20.0  # wave length of the spectrum's peak over the length of a vessel
 LONGEST_PERIOD = 14.0  # s, of the peak
 STEEPNESS = 0.0224  # hs over the wave length of the peak, of a developed sea (Pierson & Moskowitz 1964)
 COMPONENTS = 24
