@@ -25,11 +25,12 @@ from collections import namedtuple
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal, Protocol, TypeAlias
+from typing import Annotated, Any, ClassVar, Literal, Protocol, TypeAlias
 
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
+from pydantic import Field
 from torch import Tensor
 
 from taichi_sim.config import ConfigError, Strict, WorldConfig
@@ -44,6 +45,17 @@ from taichi_sim.surroundings import Surroundings
 Medium = Literal["water", "air"]
 Number: TypeAlias = float | Tensor
 """A number of a vehicle file: one for all vehicles, or a tensor with one for each."""
+DEFAULT_STEP, LARGEST_STEP = 0.02, 0.1  # s, of a physics step
+
+
+class VehicleParams(Strict):
+    """Keys that every vehicle file of ours has."""
+
+    dt: Annotated[float, Field(gt=0, le=LARGEST_STEP)] = DEFAULT_STEP  # s, its motion errs by 1 % (docs/step.md)
+
+
+class UnstableStepError(ConfigError):
+    """A physics step above the largest stable one; the message names that one."""
 
 
 @dataclass(frozen=True)
@@ -206,7 +218,7 @@ class Vehicle:
         """Take the numbers of a vehicle file, the physics step (s) and the substeps of a control step.
 
         Raises:
-            ConfigError: if a model refuses its numbers, or dt.
+            ConfigError: if a model refuses its numbers; UnstableStepError, if it refuses dt.
         """
         self.params, self.dt, self.substeps = params, dt, substeps
 

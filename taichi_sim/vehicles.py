@@ -17,7 +17,7 @@ from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof
 from taichi_sim.usv.mmg import Mmg3Dof
 from taichi_sim.usv.unity_boat import UnityBoat
-from taichi_sim.vehicle import Vehicle
+from taichi_sim.vehicle import DEFAULT_STEP, LARGEST_STEP, Vehicle
 
 # Vehicles with the same numbers share one model and its compiled kernel, because models hold no state.
 _models: dict[tuple, Vehicle] = {}
@@ -54,7 +54,7 @@ def find_model(name: object, file: Path, source: Path | None = None) -> type[Veh
 
 
 def load_vehicle(
-    file: str | Path, dt: float = 0.02, substeps: int = 1, *, source: Path | None = None, **changes: Any
+    file: str | Path, dt: float = DEFAULT_STEP, substeps: int = 1, *, source: Path | None = None, **changes: Any
 ) -> Vehicle:
     """Model of a vehicle file (or of a shipped one, by name), ready to step.
 
@@ -66,7 +66,7 @@ def load_vehicle(
         changes: changed sections or numbers of the file; other numbers of a section stay.
 
     Raises:
-        ConfigError: for a missing or unknown model, or a wrong key or value.
+        ConfigError: for a missing or unknown model, or a wrong key or value; UnstableStepError for too long a dt.
     """
     file = vehicle_file(TeamConfig(vehicle=str(file)))
     data = read_toml(file)
@@ -80,8 +80,21 @@ def load_vehicle(
         try:
             _models[key] = model(params, dt, substeps)
         except ConfigError as error:
-            raise ConfigError(f"{file}: {error}") from None
+            raise type(error)(f"{file}: {error}") from None
     return _models[key]
+
+
+def step_of(file: Path) -> float:
+    """Physics step (s) of a vehicle file, its key `dt`, at which its motion errs by 1 % (docs/step.md); DEFAULT_STEP,
+    if it has none.
+
+    Raises:
+        ConfigError: for a step that is no number between 0 and LARGEST_STEP.
+    """
+    given = read_toml(file).get("dt", DEFAULT_STEP)
+    if not isinstance(given, float) or not 0 < given <= LARGEST_STEP:
+        raise ConfigError(f"{file}: dt = {given!r}: must be a number above 0, at most {LARGEST_STEP:g} s")
+    return given
 
 
 def _merged(old: object, new: Any) -> Any:

@@ -27,8 +27,8 @@ from taichi_sim.script import Script
 from taichi_sim.sea.current import Current
 from taichi_sim.state import Stateful, check_memory
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.vehicle import Vehicle, Vehicles
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.vehicle import UnstableStepError, Vehicle, Vehicles
+from taichi_sim.vehicles import load_vehicle, step_of
 
 APART = 8.0  # collision radii between neighbours of a team that no mission has placed; assumed
 FEW = 32  # environments that are placed at once and whose surroundings are kept; assumed
@@ -143,7 +143,12 @@ class World(Stateful):
             raise ValueError(f"there is no team {name!r}: allowed are {', '.join(self.config.teams) or 'none'}")
         section = self.config.teams[name]
         file = vehicle_file(section, self._source)
-        model = load_vehicle(file, self.config.dt, self.config.substeps, source=self._source)
+        substeps = self.config.substeps(name, step_of(file))
+        try:
+            model = load_vehicle(file, self.config.decision_interval / substeps, substeps, source=self._source)
+        except UnstableStepError as error:
+            key = "dt" if self.config.dt else f"{name}.dt" if section.dt else "dt of the vehicle file"
+            raise ConfigError(f"{key}: {error}") from None
         if section.medium not in (None, model.medium):
             raise ConfigError(
                 f"{name}.vehicle = {section.vehicle!r} moves in {model.medium}, and {name}.medium = "

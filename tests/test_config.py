@@ -18,6 +18,8 @@ from taichi_sim.vehicles import load_vehicle
         ("dt = 1e-300\n", "", ("dt = 1e-300", "allowed are 10000")),
         ("dt = 0.02\ndecision_interval = 0.05\n", "", ("decision_interval = 0.05", "multiple of dt = 0.02")),
         ("dt = 0.02\ndecision_interval = 0.01\n", "", ("decision_interval = 0.01", "multiple of dt = 0.02")),
+        ("", "dt = 0.03\n", ("decision_interval = 0.1", "multiple of uav.dt = 0.03")),
+        ("dt = 0.02\n", "dt = 0.05\n", ("uav.dt = 0.05", "dt = 0.02 is the step of all teams")),
         ("seed = -1\n", "", ("seed = -1", "greater than or equal to 0")),
         ("reward = 'fame'\n", "", ("reward = 'fame'", "'paper'", "'tracking'")),
         ("usv_count = 3\n", "", ("usv_count", "unknown key", "allowed here: ", "decision_interval")),
@@ -134,6 +136,7 @@ def test_every_shipped_scenario_loads_with_its_vehicles():
     for file in config_folder().glob("*.toml"):
         config = load_scenario(file)
         assert [name for name in config.teams if name not in config.scripted] == ["usv", "uav"]
-        for team in config.teams.values():
-            model = load_vehicle(vehicle_file(team, file), config.dt, config.substeps, source=file)
+        for name, team in config.teams.items():
+            substeps = config.substeps(name, 0.02)
+            model = load_vehicle(vehicle_file(team, file), config.decision_interval / substeps, substeps, source=file)
             assert model.medium == team.medium

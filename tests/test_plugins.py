@@ -173,7 +173,7 @@ class TestMoving:
         ferry.set_numbers({"mass": 200.0}, torch.tensor([1]))
         for _ in range(20):
             world.step({"ferry": np.tile([0.5, 0.0], (2, 1, 1)), "tug": np.zeros((2, 2, 2))})
-        steps, dt = 20 * world.config.substeps, world.config.dt
+        steps, dt = 20 * ferry.model.substeps, ferry.dt
         for env, mass in enumerate((100.0, 200.0)):
             decay = (1 - 50.0 * dt / mass) ** steps
             assert ferry.velocity_n[env, 0, :2].tolist() == pytest.approx([100 / 50 * (1 - decay), 0.5 * (1 - decay)])

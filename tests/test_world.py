@@ -253,3 +253,26 @@ class TestSurroundings:
         assert torch.allclose(follows.table, given.sea.table, atol=1e-4)
         calm = make("sea.follows_wind=true").sea
         assert float(calm.components.hs.max()) == 0.0
+
+
+def test_teams_of_one_world_step_differently(scenario):
+    """Each as it does alone with its step as the scenario's `dt`; a vehicle file's step is made to divide."""
+    both = World.from_scenario(scenario("", "dt = 0.02\n"), overrides=["usv.dt=0.05"])
+    assert (both.teams["usv"].dt, both.teams["usv"].model.substeps) == (0.05, 2)
+    assert (both.teams["uav"].dt, both.teams["uav"].model.substeps) == (0.02, 5)
+    idle = {name: np.full((1, fleet.count, len(fleet.model.action_names)), 0.3) for name, fleet in both.teams.items()}
+    both.step(idle)
+    for name, dt in (("usv", 0.05), ("uav", 0.02)):
+        alone = World.from_scenario(scenario(), overrides=[f"dt={dt}"])
+        alone.step(idle)
+        assert torch.equal(alone.teams[name].state, both.teams[name].state)
+    own = World.from_scenario(scenario(), overrides=["usv.vehicle='kvlcc2'", "usv.count=1"])
+    assert own.teams["usv"].dt == pytest.approx(0.05)  # of at most 0.07 s
+
+
+@pytest.mark.parametrize(
+    ("override", "key"), [("dt=0.1", "dt: "), ("uav.dt=0.1", "uav.dt: ")]
+)  # fmt: skip
+def test_a_step_above_the_largest_stable_one_is_refused_by_its_key(scenario, override, key):
+    with pytest.raises(ConfigError, match=rf"^{key}.*aerosonde.*largest stable dt is 0\.0776 s"):
+        World.from_scenario(scenario(), overrides=["uav.vehicle='aerosonde'", override])

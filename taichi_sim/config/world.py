@@ -1,5 +1,6 @@
 """The parts of a world: times, sea, `[air]`, and teams of vehicles. A mission's scenario adds its own keys to these."""
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal
 
@@ -68,6 +69,10 @@ class AirConfig(Strict):
 # Physics steps in a decision. The random numbers of turbulence are counted by step, in 32 bits (surroundings.py): with
 # so many they come again after 400,000 decisions. Shipped hulls are stable with steps of 0.1 s, 50 in the longest one.
 MOST_SUBSTEPS = 10_000
+WHOLE = 1e-6  # of a step: a rest below it is rounding
+
+
+Step = Annotated[float, Field(gt=0, le=0.1)]  # s
 
 
 class TeamConfig(Strict):
@@ -75,6 +80,7 @@ class TeamConfig(Strict):
 
     vehicle: Annotated[str, Field(min_length=1)]  # a file of configs/vehicles, without .toml, or a path
     count: Annotated[int, Field(ge=1, le=64)] = 3  # vehicles; number 0 leads, where a mission has a leader
+    dt: Step | None = None  # its physics step, s; omitted: that of the vehicle file, if the scenario gives none
     medium: Literal["water", "air"] | None = None  # what the team is meant to move in: other vehicles are refused
     script: Annotated[str, Field(min_length=1)] | None = None  # module:Class that acts for it (script.py)
     vary: Ranges = {}  # key of the vehicle's `varying` -> range; drawn for each vehicle and episode (vary.py)
@@ -95,7 +101,7 @@ class WorldConfig(Strict):
 
     name: Annotated[str, Field(min_length=1)] = "world"
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-    dt: Annotated[float, Field(gt=0, le=0.1)] = 0.02  # physics step, s
+    dt: Step | None = None  # physics step of all teams, s; omitted: each team's own
     decision_interval: Annotated[float, Field(gt=0, le=5)] = 0.1  # actions are held this long, s
     sea: SeaConfig = SeaConfig()
     air: AirConfig = AirConfig()
@@ -117,22 +123,32 @@ class WorldConfig(Strict):
         """Teams that a script commands."""
         return tuple(name for name, team in self.teams.items() if team.script is not None)
 
-    @property
-    def substeps(self) -> int:
-        """Physics steps per decision."""
-        return round(self.decision_interval / self.dt)
+    def substeps(self, team: str, own: float) -> int:
+        """Physics steps of `team` in a decision: by `dt`, by the team's, or else the fewest steps of at most `own` (s),
+        the step of its vehicle file.
+        """
+        given = self.dt or self.teams[team].dt
+        return round(self.decision_interval / given) if given else math.ceil(self.decision_interval / own - WHOLE)
 
     @model_validator(mode="after")
     def _whole_steps(self):
-        ratio = self.decision_interval / self.dt
-        if ratio > MOST_SUBSTEPS * (1 + 1e-9):
-            raise ValueError(
-                f"dt = {self.dt:g}: {ratio:.3g} steps in a decision_interval of {self.decision_interval:g} s, allowed "
-                f"are {MOST_SUBSTEPS}: give a dt of {self.decision_interval / MOST_SUBSTEPS:g} s or more, or decide "
-                "more often"
-            )
-        if ratio < 0.999 or abs(ratio - round(ratio)) > 1e-6:
-            raise ValueError(f"decision_interval = {self.decision_interval} must be a whole multiple of dt = {self.dt}")
+        given = {"dt": self.dt, **{f"{name}.dt": team.dt for name, team in self.teams.items()}}
+        for key, dt in given.items():
+            if dt is None:
+                continue
+            ratio = self.decision_interval / dt
+            if key != "dt" and self.dt is not None:
+                raise ValueError(f"{key} = {dt:g}: dt = {self.dt:g} is the step of all teams: leave out one of them")
+            if ratio > MOST_SUBSTEPS * (1 + 1e-9):
+                raise ValueError(
+                    f"{key} = {dt:g}: {ratio:.3g} steps in a decision_interval of {self.decision_interval:g} s, "
+                    f"allowed are {MOST_SUBSTEPS}: give a dt of {self.decision_interval / MOST_SUBSTEPS:g} s or more, "
+                    "or decide more often"
+                )
+            if ratio < 0.999 or abs(ratio - round(ratio)) > WHOLE:
+                raise ValueError(
+                    f"decision_interval = {self.decision_interval} must be a whole multiple of {key} = {dt}"
+                )
         return self
 
     @model_validator(mode="after")

@@ -27,7 +27,7 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
-from taichi_sim.config import NonNegative, Positive, Strict
+from taichi_sim.config import NonNegative, Positive
 from taichi_sim.conventions import QUATERNION, SURGE
 from taichi_sim.kernels import abreast, fast, lanes
 from taichi_sim.kernels.abreast import group, put, taken
@@ -45,14 +45,14 @@ from taichi_sim.kernels.rotation import (
 from taichi_sim.kernels.runtime import array2
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav.aircraft import Aircraft
-from taichi_sim.vehicle import Limits, Number, Vehicles
+from taichi_sim.vehicle import Limits, Number, VehicleParams, Vehicles
 
 DEG = 0.017453292519943295
 AUX = ("roll_increment", "pitch_increment", "yaw_increment", "roll", "pitch", "yaw")  # increments in [-1, 1]; rad
 INCREMENT, ANGLE = AUX.index("roll_increment"), AUX.index("roll")  # first of three columns each
 
 
-class UnityAircraftParams(Strict):
+class UnityAircraftParams(VehicleParams):
     """Parameters of configs/vehicles/unity_aircraft.toml."""
 
     mass: Positive  # kg

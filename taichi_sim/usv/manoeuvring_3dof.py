@@ -36,7 +36,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
 from torch import Tensor
 
-from taichi_sim.config import ConfigError, Finite, NonNegative, Positive, Strict
+from taichi_sim.config import Finite, NonNegative, Positive
 from taichi_sim.conventions import EAST, NORTH
 from taichi_sim.kernels import fast
 from taichi_sim.kernels.abreast import taken, taken2
@@ -55,10 +55,10 @@ from taichi_sim.usv.plane import (
     write_state,
 )  # fmt: skip
 from taichi_sim.usv.vessel import Number, Vessel, steady_speed
-from taichi_sim.vehicle import Limits, Vehicles
+from taichi_sim.vehicle import Limits, UnstableStepError, VehicleParams, Vehicles
 
 
-class Manoeuvring3dofParams(Strict):
+class Manoeuvring3dofParams(VehicleParams):
     """Parameters of a vehicle file with model = "manoeuvring_3dof"; derivatives that are not given are zero."""
 
     length: Positive  # m
@@ -228,7 +228,9 @@ class Manoeuvring3dof(Vessel):
         """
         super().__init__(params, dt, substeps)
         if not dt <= params.largest_dt:
-            raise ConfigError(f"dt = {dt} s is unstable for this vehicle: allowed are up to {params.largest_dt:.4g} s")
+            raise UnstableStepError(
+                f"dt = {dt} s is unstable for this vehicle: allowed are up to {params.largest_dt:.4g} s"
+            )
         self.p, self.longest_step = params, params.largest_dt
         self.action_names = ACTION_NAMES[params.actions]
         self.backs = params.actions == "surge_sway_yaw"

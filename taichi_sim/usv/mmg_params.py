@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
 from taichi_sim.usv.vessel import Windage, steady_speed
+from taichi_sim.vehicle import VehicleParams
 
 Count = Annotated[int, Field(ge=1, le=2)]
 Fraction = Annotated[float, Field(ge=0, lt=1)]
@@ -175,7 +176,7 @@ class MmgSection(Strict):
         return p.steady_speed(p.n_ahead, self.density, linear, quadratic + self.resistance)
 
 
-class MmgParams(Strict):
+class MmgParams(VehicleParams):
     """Parameters of a vehicle file of `mmg_3dof`."""
 
     length: Positive  # L, between perpendiculars, m

@@ -29,7 +29,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
-from taichi_sim.config import Finite, NonNegative, Positive, Strict
+from taichi_sim.config import Finite, NonNegative, Positive
 from taichi_sim.conventions import ELEVATION, GRAVITY, SURGE
 from taichi_sim.kernels import abreast, lanes
 from taichi_sim.kernels.abreast import group, put, taken, taken2
@@ -41,10 +41,10 @@ from taichi_sim.kernels.runtime import array2
 from taichi_sim.sea import waves
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.vessel import Number, Vessel, steady_speed
-from taichi_sim.vehicle import Limits, Vehicles
+from taichi_sim.vehicle import Limits, VehicleParams, Vehicles
 
 
-class UnityBoatParams(Strict):
+class UnityBoatParams(VehicleParams):
     """Parameters in configs/vehicles/unity_boat.toml."""
 
     mass: Positive  # kg

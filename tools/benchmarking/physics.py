@@ -10,7 +10,7 @@ from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig, WorldConfig
 from taichi_sim.config.io import read_toml
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
-from taichi_sim.vehicle import Vehicle
+from taichi_sim.vehicle import DEFAULT_STEP, Vehicle
 from taichi_sim.vehicles import find_model, load_vehicle, shipped_vehicles
 from tools.benchmarking.timing import Case
 
@@ -57,7 +57,8 @@ def physics_cases(config: WorldConfig, num_envs: int, quick: bool) -> list[tuple
 def _case(
     config: WorldConfig, file: Path, components: int, changes: dict[str, Any], num_envs: int
 ) -> tuple[Case, dict]:
-    model = load_vehicle(file, config.dt, config.substeps, **changes)
+    substeps = round(config.decision_interval / (config.dt or DEFAULT_STEP))
+    model = load_vehicle(file, config.decision_interval / substeps, substeps, **changes)
     name = f"{file.stem}, {changes['hydrodynamics']['radiation']}" if changes else file.stem
     sea = config.sea.model_copy(update={"components": components})
     bench = Bench(model, sea=sea, air=AIR, envs=num_envs, count=COUNT, seed=SEED, name=file.stem)
@@ -71,7 +72,7 @@ def _case(
     def call() -> None:
         model.step(bench.fleet, bench.around)
 
-    work = num_envs * COUNT * config.substeps
+    work = num_envs * COUNT * substeps
     description = {"vehicle": name, "panels": panel_count(model), "components": components}
     return Case("physics", f"{name}, {components} components", call, work, begin), description
 

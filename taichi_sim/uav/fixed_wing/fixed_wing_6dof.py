@@ -18,7 +18,6 @@ import taichi as ti
 import torch
 from torch import Tensor
 
-from taichi_sim.config import ConfigError
 from taichi_sim.conventions import DOWN, GRAVITY
 from taichi_sim.kernels import abreast, lanes
 from taichi_sim.kernels.abreast import group, put, some, taken, taken1, taken2
@@ -37,7 +36,7 @@ from taichi_sim.uav.fixed_wing.gains import gains, limits
 from taichi_sim.uav.fixed_wing.params import VARYING, FixedWingNumbers, FixedWingParams, aircraft_numbers
 from taichi_sim.uav.fixed_wing.trim import air_readings, largest_stable_dt, trim, trimmed
 from taichi_sim.uav.sampling import sampling
-from taichi_sim.vehicle import Limits, Number, Vehicles
+from taichi_sim.vehicle import Limits, Number, UnstableStepError, Vehicles
 
 AUX = (
     ("elevator", "aileron", "rudder", "throttle")
@@ -171,7 +170,7 @@ class FixedWing6DOF(Aircraft):
         limit = largest_stable_dt(plan, self.cruise)
         self.longest_step = limit.dt
         if dt > limit.dt:
-            raise ConfigError(f"dt = {dt} s: {limit.reason}; the largest stable dt is {limit.dt:.3g} s")
+            raise UnstableStepError(f"dt = {dt} s: {limit.reason}; the largest stable dt is {limit.dt:.3g} s")
         self.stall_angles = stall_angles(plan)
         pilot = plan.autopilot or AutopilotParams()
         self.protected = plan.autopilot is not None and pilot.protection

@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from taichi_sim.config import Finite, Positive, Strict
 from taichi_sim.uav.fixed_wing.actuators import Actuators, DiscPropeller, ElectricPropeller, lag
 from taichi_sim.uav.fixed_wing.autopilot import AutopilotParams
-from taichi_sim.vehicle import Number, value_at
+from taichi_sim.vehicle import Number, VehicleParams, value_at
 
 
 class FixedWingPhysical(Strict):
@@ -122,7 +122,7 @@ class FixedWingBody(Strict):
     collision_radius: Positive  # m
 
 
-class FixedWingParams(Strict):
+class FixedWingParams(VehicleParams):
     """All parameters of a fixed-wing vehicle file."""
 
     physical: FixedWingPhysical

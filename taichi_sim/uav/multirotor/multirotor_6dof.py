@@ -46,7 +46,7 @@ from taichi_sim.uav.multirotor.params import MultirotorParams, multirotor_number
 from taichi_sim.uav.multirotor.params import gains as rotor_gains
 from taichi_sim.uav.multirotor.trim import largest_stable_dt, show, trim, trimmed
 from taichi_sim.uav.sampling import sampling
-from taichi_sim.vehicle import Limits, Number, Vehicle, Vehicles, Waters, edge
+from taichi_sim.vehicle import Limits, Number, UnstableStepError, Vehicle, Vehicles, Waters, edge
 
 LONGEST_OUTSIDE = 3.0  # s: a longer time outside the model's validity ends the episode; assumed
 NEWTON_ITERATIONS = 5  # for the point of the sea below; exact to rounding in real seas (waves.invert_label)
@@ -115,7 +115,7 @@ class Multirotor6DOF(Vehicle):
         limit = largest_stable_dt(plan, self._fastest())
         self.longest_step, self.free_step = limit.dt, self.actions == "rotors"
         if dt > limit.dt:
-            raise ConfigError(f"dt = {dt} s: {limit.reason}; the largest stable dt is {limit.dt:.3g} s")
+            raise UnstableStepError(f"dt = {dt} s: {limit.reason}; the largest stable dt is {limit.dt:.3g} s")
         body = params.physical
         self.contact_steps = params.legs.steps(dt, body.mass, body.cg, body.inertia) if params.legs else 1
 

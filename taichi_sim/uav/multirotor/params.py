@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
 from taichi_sim.contact.parts import Legs
-from taichi_sim.vehicle import Number, left_of, value_at
+from taichi_sim.vehicle import Number, VehicleParams, left_of, value_at
 
 MOST_ROTORS = 12
 HOUR, MILLI = 3600.0, 1e-3  # s; of a unit
@@ -150,7 +150,7 @@ class Battery(Strict):
         return self
 
 
-class MultirotorParams(Strict):
+class MultirotorParams(VehicleParams):
     """All parameters of a multirotor's vehicle file."""
 
     physical: MultirotorPhysical

@@ -57,7 +57,7 @@ from taichi_sim.usv.hull.params import Hull6DofParams, hull_numbers, symmetric, 
 from taichi_sim.usv.hull.radiation import radiation_of
 from taichi_sim.usv.hull.thruster_set import ThrusterSet
 from taichi_sim.usv.vessel import Number, Vessel, steady_speed
-from taichi_sim.vehicle import Limits, Vehicles
+from taichi_sim.vehicle import Limits, UnstableStepError, Vehicles
 
 __all__ = ["Hull6Dof", "Hull6DofParams"]
 
@@ -137,7 +137,7 @@ class Hull6Dof(Vessel):
             self.wrench_max, self.wrench_min = self.thrusters.allocation.largest, self.thrusters.allocation.smallest
         limit = self.longest_step = self.largest_dt()
         if dt > limit:
-            raise ConfigError(
+            raise UnstableStepError(
                 f"dt = {dt} s is unstable for this hull: the largest stable step is {limit:.3g} s (its stiffest motion "
                 "in heave, roll or pitch, or its fastest decay); lower dt"
             )

@@ -24,7 +24,7 @@ from taichi_sim.usv.hull.thrusters import MOST_THRUSTERS, NamedThruster, Propell
 from taichi_sim.usv.mmg import DERIVATIVES, OF_PARTS, part_numbers, polynomial_numbers
 from taichi_sim.usv.mmg_params import MmgSection
 from taichi_sim.usv.vessel import RHO_AIR, Number, Windage
-from taichi_sim.vehicle import left_of
+from taichi_sim.vehicle import VehicleParams, left_of
 
 Diagonal = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
 Row = tuple[Finite, Finite, Finite, Finite, Finite, Finite]
@@ -125,7 +125,7 @@ class LinearRestoring(Strict):
     payload_position: Vector3 = (0.0, 0.0, 0.0)  # m
 
 
-class Hull6DofParams(Strict):
+class Hull6DofParams(VehicleParams):
     """Parameters of a vehicle file of `hull_6dof`."""
 
     length: Positive  # m, overall
