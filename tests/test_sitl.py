@@ -1,9 +1,10 @@
-"""ArduPilot's JSON interface and PX4's, held to their documented packets by peers of our own: none is at hand."""
+"""ArduPilot's JSON interface and PX4's, held to their documented behaviour by peers of our own."""
 
 import contextlib
 import csv
 import json
 import math
+import signal
 import socket
 import subprocess
 import sys
@@ -11,13 +12,15 @@ import time
 
 import numpy as np
 import pytest
-from sitl_peer import PacedPeer, Peer
+import torch
+from sitl_peer import Clock, PacedPeer, Peer
 from test_recording import column
 
-from taichi_sim.config import AirConfig, ConfigError, SeaConfig
+from taichi_sim.config import AirConfig, ConfigError, GustConfig, SeaConfig
 from taichi_sim.conventions import GRAVITY
+from taichi_sim.kernels.rotation import numpy_rotation_matrix
 from taichi_sim.sitl.ardupilot import PacketError, Session, pack, parse
-from taichi_sim.sitl.channels import read_channels
+from taichi_sim.sitl.channels import Mixer, default_channels, read_channels
 from taichi_sim.sitl.craft import Craft, Servos
 from taichi_sim.sitl.record import CraftRecording, CraftView
 from taichi_sim.vehicles import load_vehicle
@@ -30,8 +33,21 @@ def _pwm(frame):
     return [round(1500 + 300 * math.sin(frame / 150)), 0, min(1500 + frame, 1850)]
 
 
-def _session(vehicle="cybership2", **more):
-    return Session(Craft(vehicle, {"actions": "surge_sway_yaw"} if vehicle == "cybership2" else {}, **more))
+def _session(vehicle="cybership2", clock=time.monotonic, **more):
+    return Session(Craft(vehicle, {"actions": "surge_sway_yaw"} if vehicle == "cybership2" else {}, **more), clock)
+
+
+@pytest.fixture(scope="module")
+def copter():
+    """An x500 in calm air, until a gust of 3 m/s from the west, which rises within 1 s from its time 100 s on."""
+    gust = GustConfig(amplitude=(0.0, 3.0, 0.0), shape="ramp", start_time=100.0, rise_time=1.0)
+    return Craft("x500", air=AirConfig(profile="uniform", gust=gust))
+
+
+@pytest.fixture(scope="module")
+def plane():
+    """An aerosonde in calm air."""
+    return Craft("aerosonde", air=AirConfig(profile="uniform"))
 
 
 def _wire(session, sender=ME):
@@ -54,18 +70,37 @@ def test_packets_are_as_documented():
 
 def test_frames_lost_repeated_late_and_restarted_change_nothing():
     """1,000 frames at 400 Hz over a wire that loses a quarter of the packets each way, against one that loses none."""
-    sea = SeaConfig(hs=0.05, tp=1.5)
-    clean, rough = Peer(_wire(_session(sea=sea))), _session(sea=sea)
-    peer = Peer(_wire(rough), loss=0.25, seed=3)
+    sea, clock = SeaConfig(hs=0.05, tp=1.5), Clock()
+    clean, rough = Peer(_wire(_session(sea=sea))), _session(sea=sea, clock=clock)
+    peer = Peer(_wire(rough), loss=0.25, seed=3, clock=clock)
     for frame in range(300):
         peer.step(_pwm(2 * frame))  # of a life before the restart
     peer.restart()
     for frame in range(1000):
         assert peer.step(_pwm(frame)) == clean.step(_pwm(frame))
+        assert not peer.waiting  # one answer a frame
     assert [peer.heard[k]["timestamp"] for k in (0, 999)] == pytest.approx([1 / 400, 1000 / 400])
     counts = rough.counts
     assert counts.frames == 1300 and counts.restarts == 1 and counts.lost == 0 and not counts.refused
     assert counts.repeated > 200 and counts.late > 100
+
+
+@pytest.mark.parametrize("rate", [250, 400, 1200])
+def test_a_frame_is_answered_once_whoever_stops(rate):
+    """The physics stop for 8 s, twice, and the autopilot sends its frame 8 times; a copy crosses its answer."""
+    clock = Clock()
+    session = _session(clock=clock)
+    peer = Peer(_wire(session), rate, clock=clock)
+    for frame in range(100):
+        if frame in (30, 60):
+            peer.stop_them(8.0)
+        assert peer.step(_pwm(frame))["timestamp"] == pytest.approx((frame + 1) / rate)
+        assert not peer.waiting
+        if frame == 80:
+            clock.now += 0.3
+            assert session.receive(peer.old[-1], ME) is None  # it was on its way
+            clock.now += 30.0  # the autopilot stops
+    assert session.counts.repeated == 2 * 8 + 1 and session.counts.frames == 100
 
 
 def test_frames_that_never_come_pass_under_the_last_outputs():
@@ -79,20 +114,26 @@ def test_frames_that_never_come_pass_under_the_last_outputs():
 
 
 def test_who_drives_and_who_does_not():
-    session = _session()
-    peer = Peer(_wire(session))
+    clock = Clock()
+    session = _session(clock=clock)
+    peer, second = (Peer(_wire(session, sender), clock=clock) for sender in (ME, OTHER_PORT))
     for frame in range(5):
         peer.step(_pwm(frame))
-    answer = session.answer
+    last = json.loads(session.answer)
     stranger = Peer(_wire(session, STRANGER))
     assert session.receive(stranger.packet(_pwm(0)), STRANGER) is None
     stranger.frame = 6
     assert session.receive(stranger.packet(_pwm(0)), OTHER_PORT) is None
     assert session.receive(b"\x1aH" + b"\0" * 20, ME) is None and session.receive(b"GET / HTTP/1.1", ME) is None
-    assert session.answer == answer and len(session.counts.refused) == 4
-    again = Peer(_wire(session, OTHER_PORT))
-    assert again.step(_pwm(0))["timestamp"] == pytest.approx(1 / 400)
-    assert session.counts.restarts == 1 and session.peer == OTHER_PORT
+    for _ in range(4):  # a second autopilot on this port, while the first one drives
+        assert session.receive(second.packet(_pwm(0)), OTHER_PORT) is None
+        last = peer.step(_pwm(peer.frame))
+        clock.now += 1.0
+    assert last["timestamp"] == pytest.approx(9 / 400) and session.counts.restarts == 0
+    assert len(session.counts.refused) == 5 and "(--instances 2" in [*session.counts.refused][-1]
+    assert second.step(_pwm(0))["timestamp"] == pytest.approx(1 / 400)  # the first one has gone: it was restarted
+    assert session.counts.restarts == 1 and session.peer == OTHER_PORT and clock.now < 8.0
+    assert session.receive(peer.packet(_pwm(0)), ME) is None
 
 
 def test_another_frame_rate_goes_on_from_the_same_motion():
@@ -145,11 +186,11 @@ def test_a_rate_that_changes_in_every_frame_leaves_the_motion_as_it_is():
 
 
 @pytest.mark.parametrize("rate", [50, 400, 1200, 4000])
-def test_a_multirotor_is_released_when_its_rotors_lift_it_at_any_rate(rate):
+def test_a_multirotor_is_released_when_its_rotors_lift_it_at_any_rate(copter, rate):
     """At rest, thrust is k_f times the sum of the squares of the rotors' speeds: at half a per cent more than what its
     weight needs, it is released, and at half a per cent less it is not.
     """
-    craft, held = Craft("x500"), []
+    craft, held = copter, []
     craft.begin(rate)
     rotor, hover = craft.model.plan.rotor, craft.model.allocation.hover
     weight = craft.model.p.physical.mass * GRAVITY
@@ -198,8 +239,8 @@ def test_sensors_of_a_vessel_agree_with_each_other():
     assert 3.0 < rows[0]["windvane"]["speed"] < 5.0 and "airspeed" not in rows[0]  # at its own height
 
 
-def test_a_multirotor_stands_until_its_rotors_lift_it():
-    peer = Peer(_wire(_session("x500")))
+def test_a_multirotor_stands_until_its_rotors_lift_it(copter):
+    peer = Peer(_wire(Session(copter)))
     for _ in range(200):
         still = peer.step([1000] * 4)
     assert still["position"] == [0.0, 0.0, 0.0] and still["velocity"] == [0.0, 0.0, 0.0]
@@ -211,17 +252,155 @@ def test_a_multirotor_stands_until_its_rotors_lift_it():
     assert rolled["imu"]["gyro"][0] > 0.1 and rolled["imu"]["gyro"][1] > 0.1
 
 
-def test_an_aircraft_waits_for_its_throttle_and_obeys_its_surfaces():
-    peer = Peer(_wire(_session("aerosonde", air=AirConfig(speed=4.0))), 200)
+def _felt(answers, rate):
+    """Changes of velocity [frame, 3] (n) that gravity and the felt specific forces (means over a frame) make."""
+    force, q = (np.array([pick(a) for a in answers]) for pick in (
+        lambda a: a["imu"]["accel_body"], lambda a: a["quaternion"]))  # fmt: skip
+    R = np.array([numpy_rotation_matrix(x) for x in q])
+    return (np.einsum("nij,nj->ni", R, force) + [0.0, 0.0, GRAVITY]) / rate
+
+
+SLOWLY = pytest.mark.slow
+
+
+@pytest.mark.parametrize("rate", [pytest.param(250, marks=SLOWLY), 400, pytest.param(1200, marks=SLOWLY)])
+def test_a_multirotor_takes_off_hovers_lands_and_takes_off_again(copter, rate):
+    """All rotors by one proportional law of height and climb. The IMU feels the touchdown, and then stands still."""
+    copter.news.clear()
+    session = Session(copter)
+    peer, answers = Peer(_wire(session), rate), []
+
+    def fly(height, seconds):
+        for _ in range(round(seconds * rate)):
+            last = answers[-1] if answers else peer.step([1000] * 4)
+            climb = min(max(2.0 * (height + last["position"][2]), -0.6), 2.0)
+            thrust = 1.0 + (climb + last["velocity"][2]) / 2.0
+            speed = max(thrust, 0.0) ** 0.5 * copter.model.allocation.hover[0] / copter.model.plan.rotor.omega_max
+            answers.append(peer.step([round(1000 + 1000 * min(speed, 1.0))] * 4))
+        return answers[-1]
+
+    up = fly(0.5, 2.0)
+    assert -up["position"][2] == pytest.approx(0.5, abs=0.1) and not copter.held
+    fly(-1.0, 1.6)
+    for _ in range(rate // 5):
+        down = peer.step([1000] * 4)
+    assert copter.held and not copter.ended and down["velocity"] == [0.0, 0.0, 0.0]
+    assert down["position"][2] == pytest.approx(0.0, abs=0.05)
+    assert down["imu"]["accel_body"] == pytest.approx([0.0, 0.0, -GRAVITY], abs=1e-4)
+    v = np.array([a["velocity"] for a in answers])
+    assert _felt(answers, rate)[1:] == pytest.approx(np.diff(v, axis=0), abs=1e-4)
+    assert max(-a["imu"]["accel_body"][2] for a in answers) < 2.5 * GRAVITY
+    fly(1.0, 0.5)
+    assert not copter.held
+    assert [news.split(" at ")[0] for news in copter.news] == ["lifts off", "touches down", "lifts off"]
+
+
+@pytest.mark.parametrize(("place", "ends"), [((0.0, 0.0, -51.0), "crashed"), ((200.0, 0.0, -1.0), "ditched")])
+def test_ground_ends_a_fall_and_the_sea_a_flight(copter, place, ends):
+    """From 1 m above the ground at 5 m/s; beside the ground from 1 m above the sea."""
+    copter.begin(400)
+    copter.held = False
+    copter.bench.state[0, 0, :3] = torch.tensor(place)
+    copter.bench.state[0, 0, 9] = 5.0
+    copter.bench.fleet.update()
+    for _ in range(400):
+        copter.advance((1000,) * 4)
+    there = copter.sensors()
+    assert copter.ended == ends and there.velocity == (0.0, 0.0, 0.0)
+    for _ in range(100):
+        copter.advance((2000,) * 4)
+    assert copter.sensors().position == there.position and copter.ended == ends
+    surface = place[2] + 1.0
+    assert there.position[2] - 50.0 == pytest.approx(surface, abs=0.4)  # the sea meets its feet, and it stops in 0.1 s
+    copter.begin(400)
+    assert not copter.ended and copter.held
+
+
+def test_the_windvane_tells_the_local_wind_gusts_included(copter):
+    copter.begin(400)
+    copter.bench.wind[0] = torch.tensor([4.0, 0.0, 0.0])  # from the south
+    for when, speed, direction in ((0.0, 4.0, -math.pi), (200.0, 5.0, math.atan2(-3.0, -4.0))):
+        copter.bench.fleet.reading("time").fill_(when)
+        copter.advance((1000,) * 4)
+        told = copter.sensors()
+        assert told.wind_speed == pytest.approx(speed, rel=1e-5)
+        assert told.wind_direction == pytest.approx(direction, abs=1e-5)
+    copter.bench.wind.zero_()
+
+
+def test_a_pitot_reads_flow_from_ahead_only(plane):
+    plane.begin(200)
+    theta = plane.sensors().attitude[1]
+    for wind, read in ((-5.0, 5.0 * math.cos(theta)), (5.0, 0.0)):  # from ahead; from astern
+        plane.bench.wind[0] = torch.tensor([wind, 0.0, 0.0])
+        plane.advance((1500, 1500, 1000, 1500))
+        assert plane.sensors().airspeed == pytest.approx(read, rel=1e-5)
+    plane.bench.wind.zero_()
+
+
+@pytest.mark.parametrize("rate", [pytest.param(250, marks=SLOWLY), 400, pytest.param(1200, marks=SLOWLY)])
+def test_an_aircraft_is_launched_within_a_second_that_the_imu_feels(plane, rate):
+    plane.news.clear()
+    peer = Peer(_wire(Session(plane)), rate)
     held = [peer.step([1500, 1500, 1000, 1500]) for _ in range(50)][-1]
-    assert held["velocity"] == [0.0, 0.0, 0.0] and held["airspeed"] == pytest.approx(4.0, rel=0.5)
-    flying = peer.step([1500, 1500, 1700, 1500])
-    assert flying["airspeed"] == pytest.approx(25.0, abs=2.0)
-    assert [peer.step([1700, 1500, 1700, 1500]) for _ in range(30)][-1]["imu"]["gyro"][0] > 0.1  # rolls right
+    assert held["velocity"] == [0.0, 0.0, 0.0] and held["airspeed"] < 1e-5
+    launch = [peer.step([1500, 1500, 1700, 1500])] + [peer.step([1500, 1500, 1000, 1500]) for _ in range(rate)]
+    assert launch[-1]["airspeed"] == pytest.approx(25.0, abs=0.1) and not plane.held
+    v = np.array([a["velocity"] for a in launch])
+    assert _felt(launch, rate)[1:] == pytest.approx(np.diff(v, axis=0), abs=1e-5)
+    assert v[:, 0] == pytest.approx(v[-1, 0] * np.arange(rate + 1) / rate, abs=1e-3)
+    assert launch[-1]["position"][0] == pytest.approx(0.5 * v[-1, 0], rel=1e-3)
+    assert plane.news == ["is launched"]
+
+
+def test_an_aircraft_obeys_its_surfaces_and_the_sea_ends_its_flight(plane):
+    for pwm, axis, least in (([1700, 1500, 1700, 1500], 0, 0.1), ([1500, 1700, 1700, 1500], 1, 0.05)):
+        peer = Peer(_wire(Session(plane)), 200)
+        for _ in range(202):
+            peer.step([1500, 1500, 1700, 1500])
+        turned = [peer.step(pwm) for _ in range(30)][-1]
+        assert turned["imu"]["gyro"][axis] > least  # rolls right; nose up
+    while not plane.ended:
+        last = peer.step([1500, 1000, 1000, 1500])
+        assert last["timestamp"] < 30.0
+    assert plane.ended == "ditched" and plane.news[-1].startswith("has ditched")
+    assert 49.0 < last["position"][2] < 51.0
+    for _ in range(100):
+        last = peer.step([1500, 1500, 1700, 1500])
+    assert last["velocity"] == [0.0, 0.0, 0.0]
     peer.restart()
-    for pwm in [[1500, 1500, 1000, 1500]] * 5 + [[1500, 1700, 1700, 1500]] * 40:
-        up = peer.step(pwm)
-    assert up["imu"]["gyro"][1] > 0.05  # nose up
+    assert peer.step([1500, 1500, 1000, 1500])["position"] == [0.0, 0.0, 0.0] and not plane.ended
+
+
+COPTER, WING, ROVER, SKID = (1000,) * 4, (1500, 1500, 1000, 1500), (1500, 0, 1500), (1500, 0, 1500)
+
+
+@pytest.mark.parametrize(("vehicle", "changes", "own", "others"), [
+    ("x500", {}, COPTER, {
+        WING: "output 1 (rotor_1) is at 1500 us", ROVER: "output 2 (rotor_2) is not driven",
+        (1000,) * 6: "output 5 drives a rotor that is not there"}),
+    ("aerosonde", {}, WING, {COPTER: "output 1 (aileron) is at 1000 us", ROVER: "SERVO4_FUNCTION 21 (rudder)"}),
+    ("kvlcc2", {}, ROVER, {COPTER: "SERVO1_FUNCTION 26 (helm), SERVO3_FUNCTION 70 (ahead)"}),
+    ("otter", {"actions": "left_right"}, SKID, {COPTER: "SERVO1_FUNCTION 73 (left), SERVO3_FUNCTION 74 (right)"}),
+])  # fmt: skip
+def test_an_autopilot_of_another_frame_is_told_by_its_outputs_at_rest(vehicle, changes, own, others):
+    model = Craft(vehicle, changes).first
+    mixer = Mixer(model, default_channels(model))
+
+    def filled(pwm):
+        return (*pwm, *[0] * (16 - len(pwm)))
+
+    assert mixer.strange(filled(own)) == []
+    for pwm, told in others.items():
+        assert told in mixer.strange(filled(pwm))[0]
+
+
+def test_an_autopilot_of_another_frame_is_told_once():
+    session = _session("otter_3dof")
+    peer = Peer(_wire(session), 50)
+    for _ in range(600):
+        peer.step([1000] * 4)
+    assert len(session.craft.news) == 1 and "SERVO1_FUNCTION" in session.craft.news[0]
 
 
 def test_channels_are_named_and_turned_round():
@@ -453,10 +632,14 @@ def test_the_command_answers_over_udp(tmp_path):
 
             peer = Peer(wire, channels=32)
             peer.step(_pwm(0))
-            began = time.perf_counter()
             for frame in range(1, 400):
+                if frame == 200:  # it is stopped, and goes on among copies of this frame
+                    server.send_signal(signal.SIGSTOP)
+                    for _ in range(8):
+                        mine.sendto(peer.packet(_pwm(frame)), ("127.0.0.1", port))
+                    server.send_signal(signal.SIGCONT)
                 peer.step(_pwm(frame))
-            print(f"{399 / (time.perf_counter() - began):.0f} frames/s")
+                assert peer.heard[frame]["timestamp"] == pytest.approx((frame + 1) / 400)
         assert server.wait(timeout=60) == 0
         assert film.is_file() and str(film) in server.stdout.read()
     finally:
@@ -478,6 +661,9 @@ def test_the_command_answers_over_udp(tmp_path):
     ("kvlcc2 --record run.mp4", "must end in .rrd"),
     ("kvlcc2 --live --live-port 0", "--live-port 0: allowed are 1 to"),
     ("kvlcc2 --port {port}", "in use"),
+    ("kvlcc2 --air turbulence=dryden", "in TOML (quote strings)"),
+    ("x500 --air gust.amplitude=[0,5]", "amplitude"),
+    ("kvlcc2 --air turbulence=\"dryden\"", "vessels feel the mean wind alone"),
     ("kvlcc2 --protocol px4 --port 65530 --instances 9", "go beyond 65535"),
 ])  # fmt: skip
 def test_bad_input_is_told(words, told, capsys):

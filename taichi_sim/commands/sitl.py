@@ -5,12 +5,13 @@
     taichi-sim sitl otter --set 'actions="left_right"' --sea hs=0.5,tp=4   # sim_vehicle -v Rover --model JSON
     taichi-sim sitl kvlcc2 --wind 6 270 --log run.csv --record run.rrd
     taichi-sim sitl aerosonde --wind 8 200                                 # sim_vehicle -v ArduPlane --model JSON
+    taichi-sim sitl x500 --wind 6 270 --air 'turbulence="dryden",gust={amplitude=[0,5,0],start_time=60,rise_time=2}'
     taichi-sim sitl x500 --instances 3                                     # ports 9002, 9012, 9022: -I 0, 1, 2
     taichi-sim sitl x500 --protocol px4                                    # PX4's HIL by MAVLink (extra px4)
 
 VEHICLE is a vehicle file, or the name of a shipped one. It moves in lockstep: at the frame rate that ArduPilot asks for
 (SIM_RATE_HZ; JSON interface over UDP), or at 250 Hz with PX4 (MAVLink over TCP). Ctrl-C ends it. Channels, conventions,
-and what no real autopilot has confirmed: docs/sitl.md.
+and what real autopilots have confirmed: docs/sitl.md.
 
 Exit status: 0 ended, 2 bad input.
 """
@@ -30,13 +31,13 @@ from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
-from taichi_sim.commands.trials import changes_of, conditions_of
-from taichi_sim.config import ConfigError
+from taichi_sim.commands.trials import changes_of, conditions_of, pairs
+from taichi_sim.config import AirConfig, ConfigError
 from taichi_sim.config.base import MissingExtraError
-from taichi_sim.config.io import output
+from taichi_sim.config.io import output, validate
 from taichi_sim.kernels import runtime
 from taichi_sim.sea import SteepSeaError
-from taichi_sim.sitl.ardupilot import Session
+from taichi_sim.sitl.ardupilot import FIRST_RATE, Address, Session
 from taichi_sim.sitl.channels import PWM, changes_for, read_channels
 from taichi_sim.sitl.craft import Craft, Sensors, Servos
 from taichi_sim.vehicles import load_vehicle
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 
 PORTS = {"ardupilot": (9002, 10), "px4": (4560, 1)}  # protocol -> first port, difference of consecutive instances
 LARGEST = 65536  # bytes of the largest packet
+AT_ONCE = 256  # most packets that are read at once
 PRINT_EVERY = 5.0  # s between lines of progress
 COLUMNS = (
     "t", "north", "east", "down", "roll", "pitch", "yaw", "v_north", "v_east", "v_down", "p", "q", "r", "a_x", "a_y",
@@ -62,6 +64,14 @@ def craft_of(args: argparse.Namespace) -> Craft:
     """
     sea, air, _ = conditions_of(args)
     changes = changes_of(args.overrides)
+    if args.air is not None:
+        given = {} if air is None else air.model_dump(exclude_unset=True)
+        air = validate(AirConfig, given | pairs(args.air), "--air")
+        unfelt = air.turbulence != "none" or air.gust is not None
+        if unfelt and load_vehicle(args.vehicle, 1e-3, 1, **changes).medium == "water":
+            raise ConfigError(
+                f"--air {args.air}: vessels feel the mean wind alone; leave out turbulence and gust for {args.vehicle}"
+            )
     channels = None
     if args.channels:
         first = load_vehicle(args.vehicle, 1e-3, 1, **changes)
@@ -122,6 +132,10 @@ def serve(args: argparse.Namespace) -> None:
         while True:
             for key, _ in wires.select(timeout=min(PRINT_EVERY, *(s.tick() for s in sessions))):
                 key.data()
+            for k, session in enumerate(sessions):
+                for news in session.craft.news:
+                    print(f"{args.vehicle} on {port_of(args, k)}, t {session.craft.time:.1f} s: it {news}", flush=True)
+                session.craft.news.clear()
             if not args.quiet and time.monotonic() - printed > PRINT_EVERY:
                 printed = time.monotonic()
                 for session in sessions:
@@ -133,7 +147,7 @@ def serve(args: argparse.Namespace) -> None:
 def _opened(
     args: argparse.Namespace, k: int, wires: selectors.BaseSelector, open_things: ExitStack
 ) -> "Session | Px4Session":
-    """Instance k, which listens: for packets of an ArduPilot, or for the connection of a PX4."""
+    """Instance k, compiled, which listens: for packets of an ArduPilot, or for the connection of a PX4."""
     px4 = args.protocol == "px4"
     wire = socket.socket(socket.AF_INET, socket.SOCK_STREAM if px4 else socket.SOCK_DGRAM)
     open_things.enter_context(wire)
@@ -143,28 +157,37 @@ def _opened(
         wire.bind((args.address, port_of(args, k)))
     except OSError as error:
         raise ConfigError(f"--address {args.address} --port {port_of(args, k)}: {error.strerror or error}") from None
+    craft = craft_of(args)
     if px4:
-        from taichi_sim.sitl.px4 import Px4Session
+        from taichi_sim.sitl.px4 import RATE, Px4Session
 
+        session = Px4Session(craft, seed=args.seed)
+        craft.compile(RATE)
         wire.listen(1)
-        session = Px4Session(craft_of(args), seed=args.seed)
         wires.register(wire, selectors.EVENT_READ, partial(_let_in, wire, session, wires, open_things))
     else:
-        session = Session(craft_of(args))
+        session = Session(craft)
+        craft.compile(FIRST_RATE)
+        wire.setblocking(False)
         wires.register(wire, selectors.EVENT_READ, partial(_answer, wire, session))
     fit_out(args, open_things, session, k)
     return session
 
 
 def _answer(wire: socket.socket, session: Session) -> None:
-    """Answer a packet."""
-    data, sender = wire.recvfrom(LARGEST)
-    known = len(session.counts.refused)
-    answer = session.receive(data, sender)
-    if answer is not None:
-        wire.sendto(answer, sender)
-    elif len(session.counts.refused) > known:  # at once, because whoever sent it waits for an answer
-        print(f"refused: {next(reversed(session.counts.refused))}", file=sys.stderr, flush=True)
+    """Answer all packets that have arrived: copies of one frame come together after a pause."""
+    arrived: list[tuple[bytes, Address]] = []
+    with suppress(BlockingIOError, ConnectionResetError):  # the latter on Windows: an answer found nobody
+        while len(arrived) < AT_ONCE:
+            arrived.append(wire.recvfrom(LARGEST))
+    for data, sender in arrived:
+        known = len(session.counts.refused)
+        answer = session.receive(data, sender)
+        if answer is not None:
+            with suppress(BlockingIOError):  # lost: it is asked for again
+                wire.sendto(answer, sender)
+        elif len(session.counts.refused) > known:  # at once, because whoever sent it waits for an answer
+            print(f"refused: {next(reversed(session.counts.refused))}", file=sys.stderr, flush=True)
 
 
 def _let_in(door: socket.socket, session: "Px4Session", wires: selectors.BaseSelector, open_things: ExitStack) -> None:
@@ -247,6 +270,8 @@ def parser() -> argparse.ArgumentParser:
                    help="override KEY or SECTION.KEY of the vehicle file; several times")  # fmt: skip
     p.add_argument("--sea", metavar="KEY=VALUE,...", help="keys of [sea], for example hs=0.5,tp=4 [calm]")
     p.add_argument("--wind", type=float, nargs=2, metavar=("SPEED", "FROM"), help="m/s at 10 m, deg [none]")
+    p.add_argument("--air", metavar="KEY=VALUE,...",
+                   help="more keys of [air] in TOML, for example 'turbulence=\"dryden\"'")  # fmt: skip
     p.add_argument("--current", type=float, nargs=2, metavar=("SPEED", "TO"), help="m/s, deg [none]")
     p.add_argument("--heading", type=float, default=0.0, metavar="DEG", help="initial heading [0]")
     p.add_argument("--seed", type=int, default=1, help="seed of the sea [1]")

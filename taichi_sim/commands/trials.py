@@ -60,21 +60,17 @@ ROTORS: dict[str, Callable[[MultirotorParams], Outcome]] = {
 
 
 def pairs(text: str) -> Table:
-    """TOML values from a text KEY=VALUE,KEY=VALUE.
+    """TOML values from a text KEY=VALUE,KEY=VALUE; a key may be SECTION.KEY.
 
     Raises:
-        ConfigError: for a part of another form; the message names it.
+        ConfigError: for a text of another form; the message has it.
     """
-    found: Table = {}
-    for part in text.split(","):
-        key, equals, value = part.partition("=")
-        try:
-            found[key.strip()] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
-            equals = ""
-        if not equals or not key.strip():
-            raise ConfigError(f"{part!r}: expected KEY=VALUE, for example hs=0.5,tp=4")
-    return found
+    try:
+        return tomllib.loads(f"values = {{{text}}}")["values"]
+    except tomllib.TOMLDecodeError:
+        raise ConfigError(
+            f"{text!r}: expected KEY=VALUE,... in TOML (quote strings), for example hs=0.5,tp=4"
+        ) from None
 
 
 def changes_of(overrides: Sequence[str]) -> Changes:

@@ -29,12 +29,11 @@ from numpy.typing import NDArray
 
 from taichi_sim.config.base import MissingExtraError
 from taichi_sim.fit.table import CLOCK, GAP, Array, LogError, Source, Table, drawn_means, held
-from taichi_sim.sitl.channels import default_channels, read_channels
+from taichi_sim.sitl.channels import FUNCTIONS, default_channels, read_channels
 from taichi_sim.vehicle import Vehicle
 
 INTERVAL = 0.1  # s; assumed, enough for a vessel
 LONGEST = 1e6  # s; assumed, no log lasts for twelve days
-FUNCTIONS = {"ahead": 70, "helm": 26, "left": 73, "right": 74}  # SERVOn_FUNCTION of a control
 OUTPUTS = tuple(f"C{n}" for n in range(1, 15))
 WIDTHS = {"MIN": 1000.0, "TRIM": 1500.0, "MAX": 2000.0, "REVERSED": 0.0}  # assumed where PARM does not say
 MICRO = 1e-6

@@ -4,23 +4,30 @@ Packets are those of ArduPilot (libraries/SITL/examples/JSON/readme.md). From Ar
 (uint16), frame_rate (uint16, Hz), frame_count (uint32), pulse widths of 16 or 32 servos (uint16, microseconds). To
 ArduPilot, a line of JSON: time, IMU, position, attitude, velocity.
 
-Lockstep: ArduPilot sends frame k and waits. It receives an answer once the vehicle has advanced by one frame. If the
-answer is lost, ArduPilot sends the same frame again and receives the same answer. A jump ahead means that frames were
-lost: the vehicle advances by as many frames, the lost ones under the last known outputs. Frame 0 after other frames is
-a restart. Any other older frame came late, and gets no answer.
+Lockstep: ArduPilot sends frame k and waits. It receives an answer once the vehicle has advanced by one frame. It takes
+one answer a frame, so a second one would leave it a frame behind for good. After a second without an answer it sends
+the frame again. Such a copy that was sent before the answer arrived gets none; one that comes CROSSED after it says
+that the answer was lost, and gets the same one. A jump ahead means that frames were lost: the vehicle advances by as
+many frames, the lost ones under the last known outputs. Frame 0 after other frames is a restart. Any other older frame
+came late, and gets no answer.
 """
 
 import json
 import math
 import struct
+import time
 from collections.abc import Callable
 from ipaddress import ip_address
 
 from taichi_sim.sitl.craft import Counts, Craft, Sensors, Servos
 
 MAGIC = {18458: 16, 29569: 32}  # magic -> servo channels
+FIRST_RATE = 1200  # Hz, with which ArduPilot starts
 LOWEST = 1  # lowest frame rate, Hz
 LONGEST_GAP = 2.0  # s; after a longer gap the lost frames are skipped
+CROSSED = 0.5  # s, of the clock; a copy that comes sooner after the answer crossed it: ArduPilot waits for 1 s
+ALIVE = 2.5  # s, of the clock, without a packet, after which another autopilot may take over
+AT_REST = 10.0  # s since its start; ArduPilot does not arm before, so its outputs are at rest
 Address = tuple[str, int]
 
 
@@ -76,13 +83,15 @@ def encode(sensors: Sensors) -> bytes:
 class Session:
     """A craft and the one peer that drives it."""
 
-    def __init__(self, craft: Craft):
-        """Start without a peer."""
-        self.craft, self.counts = craft, Counts()
+    def __init__(self, craft: Craft, clock: Callable[[], float] = time.monotonic):
+        """Start without a peer; `clock` gives the time of arrival, s."""
+        self.craft, self.counts, self.clock = craft, Counts(), clock
         self.seen: list[Callable[[Servos, Sensors], None]] = []  # called after each new frame
         self.peer: Address | None = None  # sender of the first valid packet
         self.last: Servos | None = None
         self.answer = b""
+        self._heard = self._answered = -math.inf  # s, of the clock: the peer, and the last frame
+        self._unjudged = False  # whether the outputs of an autopilot that started are still to be looked at
 
     def tick(self) -> float:
         """Seconds until something is due by the wall clock: infinite, because nothing is."""
@@ -106,14 +115,19 @@ class Session:
         except PacketError as error:
             self.counts.refuse(str(error))
             return None
-        last = self.last
+        last, now = self.last, self.clock()
+        if sender == self.peer:
+            self._heard = now
         if last is None or (servos.frame == 0 and (last.frame != 0 or sender != self.peer)):
             if last is not None:
                 self.counts.restarts += 1
             self.craft.begin(servos.rate)
-            gap = 1
+            gap, self._unjudged = 1, servos.frame == 0
         elif servos.frame == last.frame:
             self.counts.repeated += 1
+            if now - self._answered < CROSSED:
+                return None
+            self._answered = now
             return self.answer
         elif servos.frame < last.frame:
             self.counts.late += 1
@@ -132,17 +146,23 @@ class Session:
         self.counts.frames += 1
         sensors = self.craft.sensors()
         self.answer = encode(sensors)
+        if self._unjudged and self.craft.time > AT_REST:
+            self._unjudged = False
+            if self.craft.held or self.craft.model.medium == "water":
+                self.craft.news += self.craft.mixer.strange(servos.pwm)
         for seen in self.seen:
             seen(servos, sensors)
+        self._heard = self._answered = self.clock()
         return self.answer
 
     def _check_sender(self, sender: Address, servos: Servos) -> None:
-        """Refuse (PacketError) other senders than the peer. Another port of the same machine may take over with frame
-        0, as a restarted SITL does.
+        """Refuse (PacketError) other senders than the peer. Once the peer is silent for ALIVE, another port of the same
+        machine may take over with frame 0, as a restarted SITL does.
         """
         if self.peer is None or sender == self.peer:
             return
+        told = f"{sender[0]}:{sender[1]} does not drive this vehicle, {self.peer[0]}:{self.peer[1]} does"
         if ip_address(sender[0]) != ip_address(self.peer[0]) or servos.frame != 0:
-            raise PacketError(
-                f"{sender[0]}:{sender[1]} does not drive this vehicle, {self.peer[0]}:{self.peer[1]} does"
-            )
+            raise PacketError(told)
+        if self.clock() - self._heard < ALIVE:
+            raise PacketError(f"{told}: a second autopilot needs a port of its own (--instances 2; -I 1 there)")

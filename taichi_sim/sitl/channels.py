@@ -28,6 +28,14 @@ from taichi_sim.vehicles import Changes
 
 PWM = (1000, 2000)  # lowest and highest pulse width of ArduPilot's SITL, microseconds
 
+MOST_ROTORS = 12
+FUNCTIONS: Mapping[str, int] = {
+    "helm": 26, "ahead": 70, "left": 73, "right": 74, "aileron": 4, "elevator": 19, "throttle": 70, "rudder": 21,
+    **{f"rotor_{k + 1}": (33 if k < 8 else 74) + k for k in range(MOST_ROTORS)},
+}  # fmt: skip
+"""ArduPilot's SERVOn_FUNCTION of a control."""
+RESTS = 0.25, 0.5  # largest share of an output at rest: of throttles and rotors, of controls with a middle; assumed
+
 DIRECT: Mapping[type, Changes] = {
     FixedWingParams: {"autopilot": {"actions": "surfaces"}},
     MultirotorParams: {"control": {"actions": "rotors"}},
@@ -91,10 +99,34 @@ class Mixer:
         channel = self.channels[name]
         width = pwm[abs(channel) - 1] if abs(channel) <= len(pwm) else 0
         if name in self.one_sided:
-            return float(np.clip((width - self.low) / (self.high - self.low), 0.0, 1.0)) if width else 0.0
+            return min(max((width - self.low) / (self.high - self.low), 0.0), 1.0) if width else 0.0
         middle = 0.5 * (self.low + self.high)
-        x = float(np.clip((width - middle) / (self.high - middle), -1.0, 1.0)) if width else 0.0
+        x = min(max((width - middle) / (self.high - middle), -1.0), 1.0) if width else 0.0
         return -x if channel < 0 else x
+
+    def strange(self, pwm: tuple[int, ...]) -> list[str]:
+        """What an autopilot at rest would not send to this vehicle, in one sentence with the functions it should have;
+        empty for the autopilot of such a vehicle.
+
+        An autopilot sends no functions. At rest, controls with a middle are near it, throttles and rotors near zero.
+        """
+        known = {name: channel for name, channel in self.channels.items() if name in FUNCTIONS}
+        found: list[str] = []
+        for name, channel in known.items():
+            width = pwm[abs(channel) - 1] if abs(channel) <= len(pwm) else 0
+            if not width or abs(self.share(name, pwm)) > RESTS[name not in self.one_sided]:
+                found.append(f"output {abs(channel)} ({name}) is {f'at {width} us' if width else 'not driven'}")
+        if isinstance(self.model.params, MultirotorParams):
+            idle = self.low + RESTS[0] * (self.high - self.low)
+            taken = {abs(channel) for channel in self.channels.values()}
+            more = [n for n, width in enumerate(pwm[:MOST_ROTORS], 1) if n not in taken and 0 < width <= idle]
+            found += [f"output {n} drives a rotor that is not there" for n in more]
+        if not found:
+            return []
+        needed = ", ".join(
+            f"SERVO{abs(channel)}_FUNCTION {FUNCTIONS[name]} ({name})" for name, channel in known.items()
+        )
+        return [f"is driven by an autopilot of another vehicle, it seems: {'; '.join(found)}. This one needs {needed}"]
 
     def actions(self, pwm: tuple[int, ...]) -> NDArray[np.float64]:
         """Actions [action] for the pulse widths `pwm` (microseconds)."""
