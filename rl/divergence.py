@@ -11,7 +11,8 @@ import warnings
 import torch
 from torch import Tensor
 
-from taichi_sim.state import Entry, Stateful, restored, walk
+from taichi_sim.memory import Remembers
+from taichi_sim.state import Entry, Stateful, checked, restored, walk
 from taichi_sim.world import World
 
 MANY, PARTS = 128, 16
@@ -22,24 +23,22 @@ class NotFiniteError(FloatingPointError):
     """A mission gives numbers that are not finite, though all that it computes them from is."""
 
 
-class Divergence:
+class Divergence(Remembers):
     """Puts environments of one mission to rest.
 
     Attributes:
         envs: bool [env], those put to rest since the last step ended.
     """
 
-    STATE = ("envs",)
-
     def __init__(self, mission: Stateful, world: World, device: torch.device):
         """Keep the numbers of environment 0 of a `mission` whose first episode has begun in `world`."""
         self._mission, self._world = mission, world
-        self.envs = torch.zeros(mission.num_envs, dtype=torch.bool, device=device)
-        self._found = walk(mission)
-        self._rest = {entry.path: entry.value[0].clone() for entry in self._numbers()}
+        self.envs = self.remember(torch.zeros(mission.num_envs, dtype=torch.bool, device=device))
+        self._found = checked(mission)
+        self._rest = self.scratch({entry.path: entry.value[0].clone() for entry in self._numbers()})
         self._shown = [entry for entry in self._numbers() if bool(fine(self._rest[entry.path]).all())]
         self._told: set[str] = set()
-        self._turn = 0
+        self._turn = self.scratch(0)
 
     def _numbers(self) -> list[Entry]:
         """What is remembered as floats of each environment."""

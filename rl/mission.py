@@ -43,7 +43,7 @@ from taichi_sim.kernels.random import Noise
 from taichi_sim.kernels.rotation import level_states
 from taichi_sim.recording.episode import Episode, Scene
 from taichi_sim.recording.overlays import Overlay
-from taichi_sim.state import Snapshot, Stateful
+from taichi_sim.state import Stateful
 from taichi_sim.world import World
 
 __all__ = ["COLLIDED", "DIVERGED", "ControllerError", "Endings", "Frame", "Histories", "History", "Mission", "Step",
@@ -112,9 +112,6 @@ class Mission(Stateful, Generic[C, T]):
     Teams: ClassVar[Mapping[str, Callable[..., _Team]]] = MappingProxyType({})
     Judge: ClassVar[type[_Judge]] = Judge
 
-    STATE: tuple[str, ...] = ("world", "steps", "teams", "_unperceived", "noise", "divergence")
-    SHARED: tuple[str, ...] = ("generator", "_stale")
-
     @runtime.own_settings()
     def __init__(
         self, config: C, num_envs: int, *, seed: int, teams: Sequence[str] | None = None, source: Path | None = None
@@ -130,42 +127,36 @@ class Mission(Stateful, Generic[C, T]):
         self.config, self.num_envs, self.seed, self.source = config, num_envs, seed, source
         if teams is not None:
             teams = [*teams, *(name for name in config.scripted if name not in teams)]
-        self.world = World(config, num_envs, seed=derive_seed(seed, "sea"), teams=teams, source=source)
+        self.world = self.remember(World(config, num_envs, seed=derive_seed(seed, "sea"), teams=teams, source=source))
         self.program, self.device = self.world.program, self.world.program.device
-        self.generator = torch.Generator().manual_seed(derive_seed(seed, "episodes"))
-        self.steps = torch.zeros(num_envs, dtype=torch.int64, device=self.device)
-        self.noise = Noise(num_envs, derive_seed(seed, "sensors"))
-        self._which = torch.zeros(num_envs, dtype=torch.int32, device=self.device)
-        self._unperceived = torch.zeros_like(self._which)  # environments whose vehicles have not perceived yet
-        self._stale = False  # whether there are any
+        self.generator = self.share(torch.Generator().manual_seed(derive_seed(seed, "episodes")))
+        self.steps = self.remember(torch.zeros(num_envs, dtype=torch.int64, device=self.device))
+        self.noise = self.remember(Noise(num_envs, derive_seed(seed, "sensors")))
+        self._which = self.scratch(torch.zeros(num_envs, dtype=torch.int32, device=self.device))
+        # environments whose vehicles have not perceived yet
+        self._unperceived = self.remember(torch.zeros_like(self._which))
+        self._stale = self.share(False)  # whether there are any
         self.due = Due(self._which, 0, self.steps, self.noise.table)
         self._all = torch.arange(num_envs, device=self.device)
-        self.teams: dict[str, T] = self.make_teams(
-            [name for name in self.world.teams if name not in self.world.scripts]
+        self.teams: dict[str, T] = self.remember(
+            self.make_teams([name for name in self.world.teams if name not in self.world.scripts])
         )
         self.prepare()
         self._reset(self._all, None, {})
-        self.divergence = Divergence(self, self.world, self.device)
+        self.make(self.made())
+        self.divergence = self.remember(Divergence(self, self.world, self.device))
 
     def _alike(self, num_envs: int) -> "Mission":
         """Another mission of the same scenario, seed and teams."""
-        other = type(self)(self.config, num_envs, seed=self.seed, teams=tuple(self.world.teams), source=self.source)
-        other._use_controllers({name for name, team in self.teams.items() if team._in_use is not None})
-        return other
+        return type(self)(self.config, num_envs, seed=self.seed, teams=tuple(self.world.teams), source=self.source)
 
-    def restore(self, saved: Snapshot) -> None:
-        """Go back to a snapshot of this mission, or of one of the same scenario and seed.
+    def made(self) -> tuple[str, ...]:
+        """Names of the teams whose classical controllers are in use."""
+        return tuple(name for name, team in self.teams.items() if team.uses_controller)
 
-        Raises:
-            StateError: for a snapshot of another mission, number of environments, or version; nothing is written then.
-        """
-        paths = saved.values if isinstance(saved, Snapshot) else ()
-        self._use_controllers({name for name in self.teams if any(f".teams[{name!r}]._in_use" in p for p in paths)})
-        super().restore(saved)
-
-    def _use_controllers(self, names: set[str]) -> None:
-        """Make the classical controllers of these teams, so that a snapshot can restore their memory."""
-        for name in names:
+    def make(self, parts: Sequence[str]) -> None:
+        """Make the classical controllers of teams `parts`."""
+        for name in parts:
             _ = self.teams[name].controller
 
     def __init_subclass__(cls) -> None:

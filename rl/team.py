@@ -25,6 +25,7 @@ from rl.step import COLLIDED, DIVERGED, Endings
 from taichi_sim.config import TeamConfig
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
+from taichi_sim.memory import Remembers
 from taichi_sim.world import World
 
 S = TypeVar("S", bound=TeamConfig)
@@ -62,7 +63,7 @@ class Host(Protocol):
 M = TypeVar("M", bound=Host)
 
 
-class Team(Generic[M, S]):
+class Team(Remembers, Generic[M, S]):
     """One team of a mission; see the module.
 
     Type parameters: what the team asks of its mission, and the class of its section of the scenario.
@@ -76,19 +77,16 @@ class Team(Generic[M, S]):
 
     logged: ClassVar[tuple[str, ...]] = ()
 
-    STATE: tuple[str, ...] = ("action", "previous_action", "_in_use")
-    SHARED: tuple[str, ...] = ()
-
     def __init__(self, mission: M, name: str):
         """Make team `name` of a mission whose world exists."""
         self.mission, self.name = mission, name
         self.section = cast(S, mission.config.teams[name])
         self.fleet: Fleet = mission.world.teams[name]
-        self.action = self.fleet.state.new_zeros(
-            (mission.num_envs, self.fleet.count, len(self.fleet.model.action_names))
+        self.action = self.remember(
+            self.fleet.state.new_zeros((mission.num_envs, self.fleet.count, len(self.fleet.model.action_names)))
         )
-        self.previous_action = self.action
-        self._controller: Controller | None = None
+        self.previous_action = self.remember(self.action)
+        self._controller: Controller | None = self.remember(None)
 
     @property
     def steps(self) -> Tensor:
@@ -187,9 +185,9 @@ class Team(Generic[M, S]):
         return None if kind is None else kind(self.fleet.model)
 
     @property
-    def _in_use(self) -> Controller | None:
-        """The controller, if it has been made; its memory is part of the state."""
-        return self._controller
+    def uses_controller(self) -> bool:
+        """Whether the controller's memory is part of the state. Default: since it has been made."""
+        return self._controller is not None
 
     @property
     def action_names(self) -> tuple[str, ...]:

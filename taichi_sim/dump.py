@@ -34,7 +34,9 @@ class Dump:
     remainders: dict[str, Tensor] = field(default_factory=dict)  # team -> [vehicle, 3] of positions (position.py)
     vary: dict[str, dict[str, Tensor]] = field(default_factory=dict)  # team -> key -> [vehicle], if numbers vary
     loads: dict[str, Tensor] = field(default_factory=dict)  # team -> [vehicle, 6], if loads from outside are in use
-    touch: dict[str, dict[str, Tensor]] = field(default_factory=dict)  # team -> name of Touch.STATE -> [vehicle, n]
+    touch: dict[str, dict[str, Tensor]] = field(
+        default_factory=dict
+    )  # team -> name of what a Touch remembers -> [vehicle, n]
 
 
 def save_dump(dump: Dump, folder: Path) -> Path | None:

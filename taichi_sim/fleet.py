@@ -38,12 +38,13 @@ from taichi_sim.kernels.rotation import (
     torch_euler_from_quaternion,
 )
 from taichi_sim.kernels.runtime import Launcher
+from taichi_sim.memory import Remembers
 from taichi_sim.vehicle import Vehicle
 
 VEHICLE_STEP = 4e3  # ns, approximate time of a control step of one vehicle: more for hulls, less for others
 
 
-class Views:
+class Views(Remembers):
     """Named views of a team's state and its derived quantities; they share memory with the tensors.
 
     Attributes:
@@ -53,11 +54,10 @@ class Views:
         aux: [env, vehicle, n], the model's own state; `reading` names its columns.
     """
 
-    STATE: tuple[str, ...] = ("state", "derived", "aux")
-
     def __init__(self, model: Vehicle, state: Tensor, derived: Tensor, aux: Tensor):
         """Take views of these tensors."""
-        self.model, self.state, self.derived, self.aux = model, state, derived, aux
+        self.model = model
+        self.state, self.derived, self.aux = map(self.remember, (state, derived, aux))
 
     def reading(self, name: str) -> Tensor:
         """An instrument of the model [env, vehicle], as of the last step; `name` is one of `model.aux_names`."""
@@ -129,31 +129,31 @@ class Fleet(Views):
         few: whether there are so few vehicles that kernels run on the calling thread only.
     """
 
-    STATE = ("remainder", "surface", "action", "_vary", "_numbers", "_load", "touch")
-
     def __init__(self, name: str, model: Vehicle, num_envs: int, count: int):
         """Allocate `count` vehicles of `model` in each environment, at rest at the origin."""
         run = self._program = runtime.current()
         options: dict[str, Any] = {"dtype": run.torch_dtype, "device": run.device}
-        self.name, self.count, self.num_envs, self.dt = name, count, num_envs, model.dt
+        self.name, self.count, self.num_envs, self.dt = name, count, num_envs, self.scratch(model.dt)
         sizes = STATE_SIZE, DERIVED_SIZE, max(model.aux_size, 1)
         super().__init__(model, *(torch.zeros((num_envs, count, size), **options) for size in sizes))
         self.state[..., QUATERNION.start] = 1.0
         self._rests = torch.zeros((3, filled(num_envs * count)), **options)
-        self.remainder = self._rests[:, : num_envs * count].unflatten(1, (num_envs, count)).movedim(0, -1)
-        self.surface = torch.zeros((num_envs, count, SURFACE_SIZE), **options)
+        rests = self._rests[:, : num_envs * count].unflatten(1, (num_envs, count))
+        self.remainder = self.remember(rests.movedim(0, -1))
+        self.surface = self.remember(torch.zeros((num_envs, count, SURFACE_SIZE), **options))
         self.surface[..., FREEBOARD] = NO_DECK
-        self.action = torch.zeros((num_envs, count, max(len(model.action_names), 1)), **options)
+        self.action = self.remember(torch.zeros((num_envs, count, max(len(model.action_names), 1)), **options))
         self.few = runtime.few(num_envs * count, VEHICLE_STEP)
-        self._vary: Tensor | None = None
-        self._numbers: Tensor | None = None
-        self._load: Tensor | None = None
-        self.touch: Touch | None = None
+        self._vary: Tensor | None = self.remember(None)
+        self._numbers: Tensor | None = self.remember(None)
+        self._load: Tensor | None = self.remember(None)
+        self.touch: Touch | None = self.remember(None)
         self._unused = torch.zeros((1, 1, 1), **options)
         self._pack = self._packed()
         self._launchers: dict[tuple[int, int], Launcher] = {}
         self._all = torch.arange(num_envs, device=run.device)
-        self._which, self._derive = torch.zeros(num_envs, dtype=torch.int32, device=run.device), Launcher(derive)
+        self._which = self.scratch(torch.zeros(num_envs, dtype=torch.int32, device=run.device))
+        self._derive = Launcher(derive)
         self.never = torch.zeros((num_envs, count), dtype=torch.bool, device=run.device)
         self.update()
 

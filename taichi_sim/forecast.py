@@ -13,13 +13,15 @@ Everything is batched: there is one model for each element of a tensor.
 import torch
 from torch import Tensor
 
+from taichi_sim.memory import Remembers
+
 FORGETTING = 0.998  # lambda; assumed
 PRIOR = 1e3  # prior variance of the coefficients over that of the error; assumed
 MOST = 3.0  # largest prediction over the root mean square of all samples; assumed
 FEWEST = 2.0  # samples over the order, from which a model is ready; assumed
 
 
-class Autoregression:
+class Autoregression(Remembers):
     """Models of order n of signals of any shape [...].
 
     Attributes:
@@ -27,8 +29,6 @@ class Autoregression:
         past: [..., n], the newest sample first.
         count: [...], number of samples learnt from.
     """
-
-    STATE = ("coefficients", "past", "count", "_covariance", "_power")
 
     def __init__(self, like: Tensor, order: int, forgetting: float = FORGETTING, prior: float = PRIOR):
         """Make models of signals of the shape of `like` [...].
@@ -39,10 +39,11 @@ class Autoregression:
         if order < 1:
             raise ValueError(f"order = {order}: must be at least 1")
         self.order, self._forgetting, self._prior = order, forgetting, prior
-        self.coefficients = like.new_zeros((*like.shape, order))
-        self.past = like.new_zeros((*like.shape, order))
-        self.count, self._power = torch.zeros_like(like), torch.zeros_like(like)
-        self._covariance = prior * torch.eye(order, dtype=like.dtype, device=like.device).repeat(*like.shape, 1, 1)
+        self.coefficients = self.remember(like.new_zeros((*like.shape, order)))
+        self.past = self.remember(like.new_zeros((*like.shape, order)))
+        self.count, self._power = (self.remember(torch.zeros_like(like)) for _ in range(2))
+        begun = prior * torch.eye(order, dtype=like.dtype, device=like.device)
+        self._covariance = self.remember(begun.repeat(*like.shape, 1, 1))
 
     def begin(self, which: Tensor) -> None:
         """Forget everything in rows `which` [n] of the first axis."""

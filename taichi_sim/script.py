@@ -12,6 +12,7 @@ from torch import Tensor
 from taichi_sim.arguments import Envs
 from taichi_sim.config import WorldConfig
 from taichi_sim.fleet import Fleet
+from taichi_sim.memory import Remembers
 
 
 class Scene(Protocol):
@@ -35,13 +36,11 @@ class Scene(Protocol):
         ...
 
 
-class Script:
+class Script(Remembers):
     """Commands the team `name` of a world (world.py).
 
-    State that it keeps between steps is saved and copied with the world; state.py explains how.
+    State that it keeps between steps is saved and copied with the world; memory.py explains how.
     """
-
-    STATE: tuple[str, ...] = ()
 
     def __init__(self, world: Scene, name: str):
         """Take a team that `world` has just added; later teams do not exist yet."""

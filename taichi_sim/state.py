@@ -1,30 +1,23 @@
-"""Snapshots, restoring, copies and forks of everything that a world or a mission remembers.
+"""Snapshots, restoring, copies and forks of everything that a world or a mission remembers (taichi_sim/memory.py).
 
-Every class that keeps state between two steps names it in two class attributes:
+Tensors are written in place if the shape allows it, so that kernels stay bound to them. What classes have declared is
+found from the world or mission on, each part once. A `StateError` names an attribute that
 
-    STATE    state that differs between environments: tensors [env, ...], and parts with state of their own (objects
-             with these attributes, or dictionaries, lists and tuples of such)
-    SHARED   state that all environments share: counters, seeds, generators, numbers, tensors of any shape
+    was declared and is gone;
+    is remembered, but its class does not derive from `Remembers`;
+    is a part that remembers, and that nobody has declared: `self.part = self.remember(Part(...))`;
+    is an undeclared tensor that torch has written in place since it was assigned and that shares no memory with what is
+    declared; or an undeclared number that is assigned again, generator, or dictionary or list of tensors.
 
-Names that an object does not have (yet) are skipped; a value may be None. A subclass adds to the names of its bases. A
-method `restored()`, if there is one, is called after any state has been written, to drop caches or to bind kernels
-again.
-
-A user's class that names nothing has a default, which covers every attribute that no class with names assigns. Tensors
-whose first dimension is the number of environments, and parts, count as STATE. Numbers, texts, generators, arrays and
-other tensors count as SHARED. Tuples, functions, configurations and kernels are constants. Any other value is refused
-by name.
-
-Tensors are written in place if the shape allows it, so that kernels stay bound to them.
+Not seen are tensors that Taichi kernels alone write, and state outside of such objects: in a module or a closure.
 """
 
-import dis
 import functools
 import hashlib
 import os
 import random
 import types
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, NoReturn, Self
@@ -37,17 +30,14 @@ from torch import Tensor
 from taichi_sim.arguments import Envs, environments
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import FIRST_FORKED, Noise
+from taichi_sim.memory import AGAIN, NUMBERS, Kind, Remembers, StateError, declared, undeclared, version, versions
 
-VERSION = 4  # version of a snapshot's layout
+VERSION = 5  # version of a snapshot's layout
 GIB = 2**30
 WORKING_SHARE = 4.0  # memory of an environment over that of its state: buffers of kernels and torch; assumed
 
 NoiseOf = Literal["shared", "own"]
 """Whether copies draw the noise of their source (sensors, radio, gusts), or their own."""
-
-
-class StateError(ValueError):
-    """A state cannot be taken, written or copied."""
 
 
 @dataclass(frozen=True)
@@ -59,42 +49,41 @@ class Snapshot:
         about: identity of the world or mission.
         num_envs: number of environments.
         values: path -> value.
+        made: names of the parts that had been made at first use (`Stateful.made`).
     """
 
     version: int
     about: dict[str, object]
     num_envs: int
     values: dict[str, object]
+    made: tuple[str, ...] = ()
 
 
 class Entry(NamedTuple):
     """One remembered value."""
 
     path: str
-    owner: Any  # an object, a dictionary or a list
+    owner: Any  # an object, or a container
     key: Any
     of_env: bool  # whether it differs between environments
 
     @property
     def value(self) -> Any:
         """The present value of the entry."""
-        if isinstance(self.owner, dict | list):
-            return self.owner[self.key]
-        return getattr(self.owner, self.key)
+        return getattr(self.owner, self.key) if isinstance(self.owner, Remembers) else self.owner[self.key]
 
     def put(self, value: object) -> None:
         """Replace the value of the entry."""
-        if isinstance(self.owner, dict | list):
-            self.owner[self.key] = value
-        else:
+        if isinstance(self.owner, Remembers):
             setattr(self.owner, self.key, value)
+        else:
+            self.owner[self.key] = value
 
 
 _FUNCTION = types.FunctionType | types.MethodType | types.BuiltinFunctionType | functools.partial
 _KERNEL = runtime.Launcher | runtime.Runtime | torch.device | torch.dtype
 _CONSTANT = _FUNCTION | _KERNEL | types.ModuleType | type | Path | bytes | BaseModel | frozenset | range
-_NUMBERS = bool | int | float | complex | np.generic
-_PLAIN = _NUMBERS | str | types.NoneType
+_PLAIN = (*NUMBERS, str)
 _GENERATORS = torch.Generator | np.random.Generator | random.Random
 
 
@@ -104,115 +93,96 @@ class _Walk:
     def __init__(self, num_envs: int):
         self.num_envs = num_envs
         self.entries: list[Entry] = []
-        self.objects: list[object] = []
+        self.objects: list[Remembers] = []
         self._seen: set[int] = set()
+        self._wrong: list[StateError] = []
 
-    def part(self, value: object, path: str) -> None:
-        """Walk a part: an object, or a container of parts."""
-        if isinstance(value, _PLAIN | _CONSTANT) or id(value) in self._seen:
-            return
-        self._seen.add(id(value))
-        if isinstance(value, Mapping):
-            for key, item in value.items():
-                self._state(value, key, item, f"{path}[{key!r}]")
-        elif isinstance(value, list | tuple):
-            for k, item in enumerate(value):
-                self._state(value, k, item, f"{path}[{k}]")
-        else:
-            self._object(value, path)
-
-    def _state(self, owner: object, key: object, value: object, path: str) -> None:
-        """Add a value under STATE; a property that is None has no state at present."""
-        if value is None and isinstance(getattr(type(owner), str(key), None), property):
-            return
+    def find(self, value: object, path: str, owner: object = None, key: object = None) -> None:
+        """Find the entries of a value that differs between environments, held by `owner` under `key`."""
         if value is None or isinstance(value, Tensor):
             self.entries.append(Entry(path, owner, key, True))
-        else:
-            self.part(value, path)
-
-    def _object(self, value: object, path: str) -> None:
-        self.objects.append(value)
-        names = _names(type(value))
-        for name in names.state:
-            if (item := getattr(value, name, self)) is not self:
-                self._state(value, name, item, f"{path}.{name}")
-        for name in names.shared:
-            if hasattr(value, name):
-                self.entries.append(Entry(f"{path}.{name}", value, name, False))
-        if not names.complete:
-            for name, item in vars(value).items():
-                if name not in names.assigned:
-                    self._default(value, name, item, f"{path}.{name}")
-
-    def _default(self, owner: object, key: object, value: object, path: str) -> None:
-        """Add an attribute of a class that names nothing."""
-        if isinstance(value, Tensor):
-            self.entries.append(Entry(path, owner, key, value.dim() > 0 and value.shape[0] == self.num_envs))
-        elif value is None or isinstance(value, _NUMBERS | _GENERATORS | np.ndarray | str):
-            self.entries.append(Entry(path, owner, key, False))
-        elif isinstance(value, _CONSTANT) or id(value) in self._seen or type(value).__module__.startswith("taichi."):
-            return
-        elif isinstance(value, dict | list):
-            self._seen.add(id(value))
-            items = value.items() if isinstance(value, dict) else enumerate(value)
-            if all(isinstance(item, _PLAIN) for _, item in items):
+        elif isinstance(value, _PLAIN):
+            if not isinstance(owner, tuple):
                 self.entries.append(Entry(path, owner, key, False))
-            else:
-                for k, item in value.items() if isinstance(value, dict) else enumerate(value):
-                    self._default(value, k, item, f"{path}[{k!r}]")
-        elif isinstance(value, tuple):
-            for k, item in enumerate(value):
-                if not isinstance(item, Tensor | _PLAIN):
-                    self._default(value, k, item, f"{path}[{k}]")
-        elif hasattr(value, "__dict__"):
-            self.part(value, path)
+        elif isinstance(value, _CONSTANT) or id(value) in self._seen:
+            return
+        elif isinstance(value, Remembers):
+            self._seen.add(id(value))
+            self._attributes(value, path)
+        elif isinstance(value, Mapping | list | tuple):
+            self._seen.add(id(value))
+            for k, item in value.items() if isinstance(value, Mapping) else enumerate(value):
+                self.find(item, f"{path}[{k!r}]", value, k)
         else:
-            kind = type(value)
-            raise StateError(
-                f"{path} is a {kind.__module__}.{kind.__qualname__}, which a snapshot cannot look into: name what "
-                f"{type(owner).__name__} remembers in its class attributes STATE and SHARED (docs/extending.md)"
+            kind = f"{type(value).__module__}.{type(value).__qualname__}"
+            self._refuse(
+                f"{path} is a {kind}, which does not say what it remembers: derive its class from "
+                "taichi_sim.memory.Remembers, or share(...) an array or a generator (docs/extending.md)"
             )
 
+    def _refuse(self, text: str) -> None:
+        self._wrong.append(StateError(text))
 
-class _Names(NamedTuple):
-    """Names of the state of a class."""
+    def _attributes(self, thing: Remembers, path: str) -> None:
+        self.objects.append(thing)
+        held = vars(thing)
+        for name, kind in declared(thing).items():
+            if name not in held:
+                self._refuse(
+                    f"{type(thing).__name__}.{name} was declared by self.{kind.value}(...) and is gone: a declared "
+                    "attribute stays; set it to None"
+                )
+            elif kind is Kind.OF_ENV:
+                self.find(held[name], f"{path}.{name}", thing, name)
+            elif kind is Kind.SHARED:
+                self.entries.append(Entry(f"{path}.{name}", thing, name, False))
 
-    state: tuple[str, ...]
-    shared: tuple[str, ...]
-    complete: bool  # whether the class itself names its state
-    assigned: frozenset[str]  # attributes that classes with names assign
+    def check(self) -> None:
+        """Refuse what was forgotten.
 
+        Raises:
+            StateError: naming class and attribute, and what to write (module docstring).
+        """
+        if self._wrong:
+            raise self._wrong[0]
+        tensors = [entry.value for entry in self.entries]
+        tensors += [vars(x)[name] for x in self.objects for name, kind in declared(x).items() if kind is Kind.SCRATCH]
+        known = {value.untyped_storage().data_ptr() for value in tensors if isinstance(value, Tensor)}
+        for thing in self.objects:
+            kinds, begun = declared(thing), versions(thing)
+            for name, value in vars(thing).items():
+                if name not in kinds and (why := self._forgotten(value, begun.get(name), known)):
+                    raise undeclared(thing, name, why)
 
-@functools.cache
-def _names(kind: type) -> _Names:
-    """STATE and SHARED of a class with those of its bases, and the attributes that it assigns."""
-    named = [base for base in kind.__mro__ if "STATE" in vars(base) or "SHARED" in vars(base)]
-
-    def of(attribute: str) -> tuple[str, ...]:
-        return tuple(dict.fromkeys(name for base in reversed(named) for name in vars(base).get(attribute, ())))
-
-    state, shared = of("STATE"), of("SHARED")
-    known = [base for base in kind.__mro__ if named and issubclass(named[0], base)]
-    assigned = frozenset(state + shared).union(*(_assigned(base) for base in known))
-    return _Names(state, shared, bool(named) and named[0] is kind, assigned)
-
-
-def _assigned(kind: type) -> frozenset[str]:
-    """Names of the attributes that the methods of a class assign."""
-    methods = [getattr(value, "fget", None) or getattr(value, "__wrapped__", value) for value in vars(kind).values()]
-    return frozenset(
-        instruction.argval
-        for method in methods
-        if isinstance(method, types.FunctionType)
-        for instruction in dis.get_instructions(method)
-        if instruction.opname == "STORE_ATTR"
-    )
+    def _forgotten(self, value: object, begun: int | None, known: set[int]) -> str | None:
+        """Why a value should have been declared; None: there is no reason."""
+        if isinstance(value, Tensor):
+            shares = value.untyped_storage().data_ptr() in known
+            return None if shares or begun is None or version(value) == begun else "has been written in place"
+        if isinstance(value, NUMBERS):
+            return "is assigned again" if begun == AGAIN else None
+        if isinstance(value, _GENERATORS):
+            return "is a generator"
+        if isinstance(value, Remembers):
+            return None if id(value) in self._seen else "is a part that remembers"
+        if isinstance(value, dict | list) and id(value) not in self._seen:
+            for item in value.values() if isinstance(value, dict) else value:
+                if isinstance(item, Tensor) or self._forgotten(item, None, known):
+                    return "holds tensors or parts"
+        return None
 
 
 def walk(root: Any) -> _Walk:
     """The entries of `root`, which has `num_envs`, and the objects that own them."""
     found = _Walk(root.num_envs)
-    found.part(root, type(root).__name__)
+    found.find(root, type(root).__name__)
+    return found
+
+
+def checked(root: Any) -> _Walk:
+    """`walk`, refusing what was forgotten (module docstring)."""
+    found = walk(root)
+    found.check()
     return found
 
 
@@ -289,8 +259,7 @@ def _put_generator(entry: Entry, now: Any, value: Any) -> None:
 def restored(found: _Walk) -> None:
     """Tell all objects that their state was written."""
     for thing in found.objects:
-        if (then := getattr(thing, "restored", None)) is not None:
-            then()
+        thing.restored()
 
 
 # -- saving, copying, forking ------------------------------------------------------------------------------------------
@@ -303,17 +272,18 @@ def transfer(source: object, target: object) -> None:
     Raises:
         StateError: if their entries differ.
     """
-    entries, write = _entries_of(source), _Writer()
-    there = {entry.path: entry for entry in _entries_of(target)}
-    if missing := [entry.path for entry in entries if entry.path not in there]:
+    given, write = entries(source), _Writer()
+    there = {entry.path: entry for entry in entries(target)}
+    if missing := [entry.path for entry in given if entry.path not in there]:
         raise StateError(f"{type(target).__name__} has no {missing[0]}")
-    for entry in entries:
+    for entry in given:
         write(there[entry.path], _taken(entry.value))
 
 
-def _entries_of(part: object) -> list[Entry]:
+def entries(part: object) -> list[Entry]:
+    """All values that a part of a world or a mission remembers."""
     found = _Walk(-1)
-    found.part(part, type(part).__name__)
+    found.find(part, type(part).__name__)
     return found.entries
 
 
@@ -362,7 +332,7 @@ def _free_memory() -> float:
     return float(os.sysconf("SC_AVPHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
 
 
-class Stateful:
+class Stateful(Remembers):
     """A world or a mission whose environments can be saved, restored, copied and forked (module docstring)."""
 
     num_envs: int
@@ -385,8 +355,8 @@ class Stateful:
     def snapshot(self) -> Snapshot:
         """Copy everything that the environments remember; `restore` continues from there, to the bit."""
         self.program.check()
-        values = {entry.path: _taken(entry.value) for entry in walk(self).entries}
-        return Snapshot(VERSION, about(self), self.num_envs, values)
+        values = {entry.path: _taken(entry.value) for entry in checked(self).entries}
+        return Snapshot(VERSION, about(self), self.num_envs, values, self.made())
 
     @runtime.torch_at_rest()
     def restore(self, saved: Snapshot) -> None:
@@ -405,6 +375,7 @@ class Stateful:
             raise StateError(f"the snapshot was taken of another {type(self).__name__}: {differences}")
         if saved.num_envs != self.num_envs:
             raise StateError(f"the snapshot has {saved.num_envs} environments, not {self.num_envs}")
+        self.make(saved.made)
         found = walk(self)
         missing = {entry.path for entry in found.entries} - saved.values.keys()
         if missing:
@@ -427,7 +398,7 @@ class Stateful:
         if len(source) != len(target):
             raise StateError(f"{len(source)} source_envs for {len(target)} target_envs")
         _check_noise(noise)
-        found = walk(self)
+        found = checked(self)
         for entry in found.entries:
             value = entry.value
             if entry.of_env and value is not None and not (noise == "own" and isinstance(entry.owner, Noise)):
@@ -453,7 +424,7 @@ class Stateful:
             raise StateError(f"a fork of {len(rows)} environments, {copies} copies each: there is nothing in it")
         _check_noise(noise)
         this: Any = self
-        rows, source = rows.repeat_interleave(copies), walk(self)
+        rows, source = rows.repeat_interleave(copies), walk(self) if into else checked(self)
         total = len(rows)
         if into is None:
             check_memory(_size(source), total)
@@ -464,6 +435,7 @@ class Stateful:
                 f"{getattr(into.config, 'name', '')!r}, seed {into.seed}: the fork has {total} of "
                 f"{type(self).__name__}, {getattr(this.config, 'name', '')!r}, seed {this.seed}"
             )
+        into.make(self.made())
         target, write = {entry.path: entry for entry in walk(into).entries}, _Writer()
         for entry in source.entries:
             there, value = target.get(entry.path), entry.value
@@ -478,6 +450,13 @@ class Stateful:
                 write(there, _taken(value))
         restored(walk(into))
         return into
+
+    def made(self) -> tuple[str, ...]:
+        """Names of parts that are made at first use, and have been made. Default: there are none."""
+        return ()
+
+    def make(self, parts: Sequence[str]) -> None:
+        """Make the parts that `made` has named, so that their state can be written."""
 
     def _alike(self, num_envs: int) -> Self:
         """Another world or mission of the same configuration, seed and teams."""

@@ -1,7 +1,7 @@
 """Surroundings of every vehicle: sea, current and wind, one row per environment."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -11,6 +11,7 @@ from taichi_sim.conventions import OMEGA, K
 from taichi_sim.kernels import lanes, runtime
 from taichi_sim.kernels.packs import AroundPack
 from taichi_sim.kernels.random import Noise
+from taichi_sim.memory import Remembers
 from taichi_sim.sea.queries import elevations
 from taichi_sim.sea.sea import DEEP, Sea
 
@@ -18,13 +19,11 @@ NO_WAVE = 1e-12  # rad/m, rad/s, nonzero for divisions: k and omega of component
 
 
 @dataclass(eq=False)
-class Surroundings:
+class Surroundings(Remembers):
     """Tables and per-environment values of one control step; float tensors have the run's precision.
 
     The tensors are written in place from step to step and never replaced, so kernels stay bound to them.
     """
-
-    STATE: ClassVar[tuple[str, ...]] = ("current", "wind")
 
     sea: Tensor  # [sea, 8, component], rows as in conventions.py
     env_sea: Tensor  # int32 [env], the realisation of each environment
@@ -39,6 +38,7 @@ class Surroundings:
 
     def __post_init__(self) -> None:
         """Pack the arguments of kernels."""
+        self.current, self.wind = self.remember(self.current), self.remember(self.wind)
         if self.noise is None:
             self.noise = Noise(self.env_sea.shape[0])
         numbers = (0.0, 0.0, 0.0) if self.air is None else self.air.numbers
@@ -95,5 +95,6 @@ class Surroundings:
 def _filled_up(sea: Tensor) -> Tensor:
     """The sea, padded to whole lanes (lanes.py) by components without amplitude: a calm sea stays exactly calm."""
     waves = lanes.laned(sea)
-    waves.flatten(-2)[:, (K, OMEGA), sea.shape[2] :] = NO_WAVE
+    if sea.shape[2] % lanes.width():
+        waves.flatten(-2)[:, (K, OMEGA), sea.shape[2] :] = NO_WAVE
     return waves

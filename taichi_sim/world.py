@@ -57,10 +57,6 @@ class World(Stateful):
             dumps.
     """
 
-    STATE = (
-        "env_sea", "time", "_phase", "current", "wind", "_felt", "_variation", "teams", "scripts", "noise", "contacts",
-    )  # fmt: skip
-
     @runtime.own_settings()
     def __init__(
         self,
@@ -95,23 +91,25 @@ class World(Stateful):
         self._check_memory(models)
         self.sea, self.conditions = realise(config, self.seed)
         self._highest_crest = float(self.sea.components.amplitude.sum(axis=1).max())
-        self.current = Current(config.sea.current, num_envs, self.seed, config.sea.depth)
-        self.wind = Wind(config.air, num_envs, self.seed)
+        self.current = self.remember(Current(config.sea.current, num_envs, self.seed, config.sea.depth))
+        self.wind = self.remember(Wind(config.air, num_envs, self.seed))
         self.dump_folder: Path | None = None
-        self.noise = Noise(num_envs, self.seed)
-        self.env_sea = (torch.arange(num_envs, device=run.device) % self.sea.num_seas).to(torch.int32)
-        self.time = torch.zeros(num_envs, dtype=torch.float64, device=run.device)
-        self._phase = self.sea.phases(self.env_sea, self.time)
-        self._variation = Variation(config, self.conditions, num_envs, self.seed)
-        self.around = self._surroundings(self.current.velocity, self.wind.velocity)
-        self.teams: dict[str, Fleet] = {}
-        self.scripts: dict[str, Script] = {}
-        self._felt: dict[str, tuple[Surroundings, float, float]] = {}
-        self._few: dict[tuple[str, int], Surroundings] = {}  # by team and number of environments: _placing
+        self.noise = self.remember(Noise(num_envs, self.seed))
+        self.env_sea = self.remember((torch.arange(num_envs, device=run.device) % self.sea.num_seas).to(torch.int32))
+        self.time = self.remember(torch.zeros(num_envs, dtype=torch.float64, device=run.device))
+        self._phase = self.remember(self.sea.phases(self.env_sea, self.time))
+        self._variation = self.remember(Variation(config, self.conditions, num_envs, self.seed))
+        self.around = self.remember(self._surroundings(self.current.velocity, self.wind.velocity))
+        self.teams: dict[str, Fleet] = self.remember({})
+        self.scripts: dict[str, Script] = self.remember({})
+        self._felt: dict[str, tuple[Surroundings, float, float]] = self.remember({})
+        self._few: dict[tuple[str, int], Surroundings] = self.scratch(
+            {}
+        )  # by team and number of environments: _placing
         self.truth, self.truth_names = self._variation.truth, self._variation.names
         for name, model in models.items():
             self._add_team(name, model)
-        self.contacts = Contacts(self.teams, config.decision_interval)
+        self.contacts = self.remember(Contacts(self.teams, config.decision_interval))
         everywhere = self._everywhere = torch.arange(num_envs, device=run.device)
         self._variation.begin(everywhere, self.env_sea, self.current, self.wind)
         self._follow(everywhere)

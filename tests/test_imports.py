@@ -16,6 +16,7 @@ LAYERS = (
         "taichi_sim.conventions",
         "taichi_sim.config",
         "taichi_sim.kernels",
+        "taichi_sim.memory",
         "taichi_sim.plotting",
         "taichi_sim.forecast",
         "taichi_sim.state",

@@ -29,6 +29,7 @@ from torch import Tensor
 
 from rl.course.tracks import Real, Tracks, TrackSample, world_uniform
 from taichi_sim.config import Finite, Positive, Strict
+from taichi_sim.memory import Remembers
 from taichi_sim.recording.overlays import Cylinders
 
 OBSTACLE_STREAM = 1 << 16  # random stream of the first round; each round has the next one
@@ -345,7 +346,7 @@ class Traffic:
         return fine
 
 
-class Bodies:
+class Bodies(Remembers):
     """The moving obstacles of every environment.
 
     Attributes:
@@ -353,13 +354,11 @@ class Bodies:
         present: whether there are any.
     """
 
-    STATE = ("table",)
-
     def __init__(self, num_envs: int, pool: Tensor):
         """Use the moving obstacles of all starts, `pool` [world, start, 8, body]; without any, one is far away."""
         self.present = pool.shape[-1] > 0
         self._pool = pool
-        self.table = pool.new_zeros((num_envs, ROWS, max(pool.shape[-1], 1)))
+        self.table = self.remember(pool.new_zeros((num_envs, ROWS, max(pool.shape[-1], 1))))
         self.table[:, NORTH] = AWAY
 
     def begin(self, envs: Tensor, worlds: Tensor, starts: Tensor, current: Tensor) -> None:

@@ -51,6 +51,7 @@ from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.packs import values_at
 from taichi_sim.kernels.rotation import HEADING_COS
 from taichi_sim.kernels.runtime import array3
+from taichi_sim.memory import Remembers
 from taichi_sim.vehicle import Vehicle
 
 FAN, RAYS = math.radians(100.0), 20  # to either side, and how many
@@ -88,13 +89,12 @@ class Wanted(NamedTuple):
     velocity: Tensor  # [env, vehicle, 2 or 3] v*, NED, m/s
 
 
-class SlotController:
+class SlotController(Remembers):
     """A classical controller that holds slots, in two steps between which a residual policy may correct it.
 
     `Gains` is the class of its gains; `gains` are those that it was built from.
     """
 
-    STATE: tuple[str, ...] = ()
     Gains: ClassVar[type[AvoidanceGains]]
     gains: AvoidanceGains
 

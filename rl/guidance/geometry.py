@@ -34,6 +34,7 @@ from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN, VELOCITY_N
 from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
+from taichi_sim.memory import Remembers
 from taichi_sim.randomisation.conditions import bounds
 
 NORTH, EAST, DOWN, COURSE, COS, SIN, COURSE_RATE, SPEED, TARGET_SIZE = range(9)
@@ -70,7 +71,7 @@ def strongest_wind(config: WorldConfig, height: float) -> float:
     return factor * (bounds(config, "air.speed")[1] + SIGMAS * air.std)
 
 
-class Target:
+class Target(Remembers):
     """The target of a team: live views of a table of targets, which the next step overwrites.
 
     Attributes:
@@ -80,11 +81,10 @@ class Target:
             (rad/s), and the speed over ground (m/s).
     """
 
-    STATE = ("table",)
-
     def __init__(self, table: Tensor, position: Tensor):
         """Take views of a `table` and of the leader's target."""
-        self.table, self.position = table, position
+        self.table = self.remember(table)
+        self.position = position
         self.course, self.cos, self.sin = table[..., COURSE], table[..., COS], table[..., SIN]
         self.course_rate, self.speed = table[..., COURSE_RATE], table[..., SPEED]
 
@@ -115,7 +115,7 @@ def _follow(
             target[e, 0, COURSE_RATE], target[e, 0, SPEED] = place[TrackSample.CURVATURE] * speed, speed
 
 
-class Targets:
+class Targets(Remembers):
     """Targets of all environments: they move along their worlds' tracks at a speed over ground or through the air.
 
     An aircraft's target moves as if it flew at a constant airspeed, by the wind triangle: velocity over ground is
@@ -131,8 +131,6 @@ class Targets:
         table: [env, 1, 8]; see the module. progress: float32 [env], m along the track; to be written at a reset.
     """
 
-    STATE = ("table", "progress")
-
     def __init__(
         self, tracks: Tracks, env_world: Tensor, wind: Tensor, *, speed: float, interval: float, wind_factor: float,
         over_air: bool,
@@ -142,8 +140,8 @@ class Targets:
         `speed` is over ground, or with `over_air` through the air. A decision takes `interval` (s). `wind` [env, 3] is
         at 10 m (m/s); `wind_factor` is the wind at the flight height over it. `env_world` and `wind` are live views.
         """
-        self.table = wind.new_zeros((wind.shape[0], 1, TARGET_SIZE))
-        self.progress = tracks.length_m.new_zeros(wind.shape[0])
+        self.table = self.remember(wind.new_zeros((wind.shape[0], 1, TARGET_SIZE)))
+        self.progress = self.remember(tracks.length_m.new_zeros(wind.shape[0]))
         numbers = wind.new_tensor([speed, interval, wind_factor, float(over_air)])
         self._env_world = env_world
         self._track = runtime.Packed(TrackPack, rows=tracks.rows, length=tracks.length_m, wind=wind, numbers=numbers)
@@ -280,7 +278,7 @@ def look(table: ti.template(), e, i, which, distance, error_b):
         table[e, i, SIGHT + k] = seen[k]
 
 
-class SlotErrors:
+class SlotErrors(Remembers):
     """Errors of a team from its slots, as of the last step or reset: live views of one table, which the next
     overwrites.
 
@@ -296,13 +294,11 @@ class SlotErrors:
             the state, which is finite if they are. about: whether slots are offsets from the target.
     """
 
-    STATE = ("table", "distance", "reach", "total")
-
     def __init__(self, state: Tensor, axes: int, *, about: bool = False):
         """Make errors, all zero, of a team whose state is `state` [env, vehicle, 13]."""
-        self.table = state.new_zeros((*state.shape[:2], ERRORS_SIZE))
+        self.table = self.remember(state.new_zeros((*state.shape[:2], ERRORS_SIZE)))
         self._plain = state.new_zeros((3, *state.shape[:2]))
-        self.distance, self.reach, self.total = self._plain
+        self.distance, self.reach, self.total = map(self.remember, self._plain)
         self.axes, self.about = axes, about
         self.slot, self.slot_velocity = self._view(SLOT, 3), self._view(SLOT_VELOCITY, 3)
         self.error, self.error_rate = self._view(ERROR, 3), self._view(ERROR_RATE, 3)
@@ -316,8 +312,6 @@ class SlotErrors:
 
 class Geometry(SlotErrors):
     """Errors that are measured: from the state of the vehicles, the target and the slots."""
-
-    STATE = ()
 
     def __init__(
         self, fleet: Views, target: Tensor, down: float, slots: Tensor, axes: int, interval: float,

@@ -40,8 +40,6 @@ class ResidualTeam(Team):
         gate uses its `sensor.obstacles`. layout, observations_now: see `Team`.
     """
 
-    STATE = ()
-
     axes: int
     radius: float
     layout: Mapping[str, int]
@@ -49,7 +47,7 @@ class ResidualTeam(Team):
     def __init__(self, mission: Any, name: str):
         """Make team `name`; its controller is made when it is first needed."""
         super().__init__(mission, name)
-        self._wanted: Wanted | None = None
+        self._wanted: Wanted | None = self.scratch(None)
         self._shield: Shield | None = None
 
     @property
@@ -79,9 +77,9 @@ class ResidualTeam(Team):
         raise NotImplementedError(f"{type(self).__name__}.observations_now")
 
     @property
-    def _in_use(self) -> Controller | None:
-        """The controller, if it has been used or is corrected; its memory is part of the state."""
-        return self._controller if self.residual is None else self.controller
+    def uses_controller(self) -> bool:
+        """Whether the controller has been made, or is corrected."""
+        return super().uses_controller or self.residual is not None
 
     @property
     def residual(self) -> ResidualConfig | None:

@@ -30,6 +30,7 @@ from rl.perception.radio import NEVER, Message
 from rl.perception.sightings import Sighting
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.runtime import array1, array3, array4, whole1
+from taichi_sim.memory import Remembers
 
 # Columns of a track: place (m), velocity (m/s), covariance (place, both, velocity), age of its newest look (s; `NEVER`
 # before the first), time since it began (s).
@@ -147,20 +148,19 @@ def _say(chart: ChartPack, which: whole1, serial: ti.template()):
                     chart.said[e, i, at + SightingReport.AGE] += chart.numbers[0]
 
 
-class Chart:
+class Chart(Remembers):
     """The charts of all observers.
 
     Attributes:
         tracks: [env, vehicle, object, 9], columns as above.
     """
 
-    STATE = ("tracks", "_taken")
-
     def __init__(self, sightings: Tensor, said: Tensor, heard: Tensor, interval: float, numbers: TrackNoise = ASSUMED):
         """Make charts of `sightings` [env, vehicle, object, 3] (camera.py); see radio.py for `said` and `heard`."""
         envs, vehicles, objects, _ = sightings.shape
-        self.tracks = sightings.new_zeros((envs, vehicles, objects, TRACK))
-        self._said, self._taken = said, sightings.new_zeros((envs, vehicles, vehicles, objects))
+        self.tracks = self.remember(sightings.new_zeros((envs, vehicles, objects, TRACK)))
+        self._taken = self.remember(sightings.new_zeros((envs, vehicles, vehicles, objects)))
+        self._said = said
         self._chart = runtime.Packed(
             ChartPack, tracks=self.tracks, sightings=sightings, said=said, heard=heard, taken=self._taken,
             numbers=sightings.new_tensor([interval, *numbers]),

@@ -51,8 +51,6 @@ def _nearest(out: ChartedPack, of: FromPack, which: whole1, sight: ti.template()
 class ChartedContacts(TrackedContacts):
     """Contacts of one team of vessels that have a chart: obstacles are the nearest charted objects."""
 
-    STATE = ()
-
     def __init__(
         self, config: ContactsConfig, sensor: Nearby, fleet: Views, own: Views, interval: float, vehicles: int, *,
         chart: Chart, first: int, objects: Tensor,

@@ -274,8 +274,6 @@ def _contact(
 class TrackedContacts(Nearby):
     """Obstacles and team mates of one team as its vehicles measure and track them."""
 
-    STATE = ("_waiting", "_tracks")
-
     def __init__(
         self, config: ContactsConfig, sensor: Nearby, fleet: Views, own: Views, interval: float, vehicles: int = 0
     ):
@@ -290,8 +288,8 @@ class TrackedContacts(Nearby):
             sensor.reach, sensor.radius, config.range_noise, math.radians(config.bearing_noise_deg), config.dropout,
             config.speed, config.acceleration, config.mate_acceleration, interval,
         )  # fmt: skip
-        self._waiting = state.new_zeros((*rows, config.late + 1, max(both, 1), MEASURED))
-        self._tracks = state.new_zeros((*rows, 2, max(both, 1), TRACKED))
+        self._waiting = self.remember(state.new_zeros((*rows, config.late + 1, max(both, 1), MEASURED)))
+        self._tracks = self.remember(state.new_zeros((*rows, 2, max(both, 1), TRACKED)))
         self._out = runtime.Packed(
             ContactsPack, gap=self.gap, obstacles=self.obstacles, mates=self.team_mates, signals=self.written,
             waiting=self._waiting, tracks=self._tracks,

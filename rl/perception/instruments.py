@@ -249,13 +249,11 @@ class Readings(Views):
         memory: [env, vehicle, 10], errors that last: walks and constants of an episode.
     """
 
-    STATE = ("memory",)
-
     def __init__(self, fleet: Fleet, config: InstrumentsConfig, interval: float, vehicles: int = 0):
         """Measure `fleet` every `interval` s; `vehicles` numbers its first vehicle among the random numbers."""
         super().__init__(fleet.model, *(x.clone() for x in (fleet.state, fleet.derived, fleet.aux)))
         self.fleet, self.count, self.num_envs = fleet, fleet.count, fleet.num_envs
-        self.memory = fleet.state.new_zeros((*fleet.state.shape[:2], MEMORY))
+        self.memory = self.remember(fleet.state.new_zeros((*fleet.state.shape[:2], MEMORY)))
         numbers = config.numbers
         self._numbers = numbers
         self._out = runtime.Packed(

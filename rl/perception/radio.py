@@ -26,6 +26,7 @@ from taichi_sim.config import Fraction, Positive, Strict
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import RADIO, uniform4
 from taichi_sim.kernels.runtime import array1, array3, array4, whole1
+from taichi_sim.memory import Remembers
 
 NEVER = 1e6  # s, age of a message that was never received
 MOST = 64  # vehicles of a team
@@ -138,15 +139,13 @@ def _receive(
                                         hear(radio, e, i, other, k, then % ti.static(form.slots), late)
 
 
-class Radio:
+class Radio(Remembers):
     """The radio of a group of vehicles.
 
     Attributes:
         said: [env, vehicle, n] next message of each, to be written before `talk`: place and velocity (NED, m and m/s),
             then what a mission adds. heard: [env, receiver, sender, n + 1] last message received, and its age (s).
     """
-
-    STATE = ("said", "heard", "_sent")
 
     def __init__(
         self,
@@ -173,9 +172,9 @@ class Radio:
             period = max(1, round(1 / (config.rate * interval)))
         self._form, self._each = RadioForm(delay, period, vehicles * MOST, known, relays, shift), n
         self._interval = interval
-        self.said = place.new_zeros((envs, n, width))
-        self.heard = place.new_zeros((envs, n, n, width + 1))
-        self._sent = place.new_zeros((envs, self._form.slots, n, width))  # on its way
+        self.said = self.remember(place.new_zeros((envs, n, width)))
+        self.heard = self.remember(place.new_zeros((envs, n, n, width + 1)))
+        self._sent = self.remember(place.new_zeros((envs, self._form.slots, n, width)))  # on its way
         self._pack = runtime.Packed(
             TalkPack, heard=self.heard, sent=self._sent, said=self.said,
             place=place, numbers=place.new_tensor([interval, config.range, config.loss]),

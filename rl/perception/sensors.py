@@ -21,6 +21,7 @@ from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN, VELOCITY_N
 from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
+from taichi_sim.memory import Remembers
 
 SensedPack = ti.types.argpack(gap=array2, obstacles=array4, mates=array4, signals=array3)
 SensingPack = ti.types.argpack(state=array3, derived=array3, numbers=array1)
@@ -237,7 +238,7 @@ def _sense(
                 store_mate(out, team.derived, sight, e, i, k, away[k], who[k], direction, moves, reach)
 
 
-class Nearby:
+class Nearby(Remembers):
     """Obstacles and team mates near each vehicle of a team; the next measurement overwrites them.
 
     Attributes:
@@ -256,8 +257,6 @@ class Nearby:
         written: the same, or one column where there are none, as kernels take it.
     """
 
-    STATE = ("gap", "obstacles", "team_mates", "written")
-
     def __init__(self, state: torch.Tensor, num_obstacles: int, num_mates: int, reach: float, radius: float, axes: int):
         """Make tensors, all zero, for a team whose state is `state` [env, vehicle, 13].
 
@@ -269,18 +268,17 @@ class Nearby:
         env, vehicle = state.shape[:2]
         self.num_obstacles, self.num_mates = num_obstacles, num_mates
         self.reach, self.radius, self.axes = reach, radius, axes
-        self.gap = state.new_zeros((env, vehicle))
-        self.obstacles = state.new_zeros((env, vehicle, max(num_obstacles, 1), Obstacle.SIZE))
-        self.team_mates = state.new_zeros((env, vehicle, max(num_mates, 1), Mate.SIZE))
+        self.gap = self.remember(state.new_zeros((env, vehicle)))
+        self.obstacles = self.remember(state.new_zeros((env, vehicle, max(num_obstacles, 1), Obstacle.SIZE)))
+        self.team_mates = self.remember(state.new_zeros((env, vehicle, max(num_mates, 1), Mate.SIZE)))
         width = num_obstacles * (self.axes + 4) + num_mates * (self.axes + 1)
         self.signals = state.new_zeros((env, vehicle, width))
-        self.written = self.signals if width else state.new_zeros((env, vehicle, 1))  # kernels take no empty array
+        # kernels take no empty array
+        self.written = self.remember(self.signals if width else state.new_zeros((env, vehicle, 1)))
 
 
 class Sensor(Nearby):
     """Senses the true obstacles and team mates of one team."""
-
-    STATE = ()
 
     def __init__(
         self,
@@ -298,8 +296,8 @@ class Sensor(Nearby):
         self._team = runtime.Packed(SensingPack, state=state, derived=fleet.derived, numbers=numbers)
         self._nobody = state.new_zeros((1, ROWS, 1))
         self._all = torch.ones(len(state), dtype=torch.int32, device=state.device)
-        self._field: torch.Tensor | None = None
-        self._columns = state
+        self._field: torch.Tensor | None = self.scratch(None)
+        self._columns = self.scratch(state)
         self._sight, self._launch = Sight(num_obstacles, num_mates, self.axes), runtime.Launcher(_sense, plain=True)
         self._sensed = runtime.Packed(
             SensedPack, gap=self.gap, obstacles=self.obstacles, mates=self.team_mates, signals=self.written

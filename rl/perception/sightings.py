@@ -45,6 +45,7 @@ from taichi_sim.kernels.packs import struct_of, values_at
 from taichi_sim.kernels.random import CAMERA, LOOKOUT, normal6, uniform4
 from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN
 from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
+from taichi_sim.memory import Remembers
 
 UNSEEN = -1.0  # variance of a sighting that has not been made
 VARIANCE_FLOOR = 1e-4  # m^2, of exact measurements
@@ -231,10 +232,8 @@ def _look_out(
                         out.sightings[e, i, k, Sighting.VARIANCE] = variance + VARIANCE_FLOOR
 
 
-class Observers:
+class Observers(Remembers):
     """Observers of one team, aircraft or vessels, that look at objects by a kernel."""
-
-    STATE: tuple[str, ...] = ()
 
     def __init__(
         self, kernel: Callable[..., object], pack: runtime.Packed, numbers: NamedTuple, form: ObserverForm,
@@ -260,8 +259,6 @@ class Camera(Observers):
         axis: [env, aircraft, 3] of each camera now, b; kept by `aim`. true: the aircraft as they are.
     """
 
-    STATE = ("axis",)
-
     def __init__(
         self, config: CameraConfig, instruments: InstrumentsConfig, sightings: Tensor, objects: Tensor, hs: Tensor,
         true: Views, own: Views, *, first: int, vehicles: int = 0,
@@ -280,7 +277,7 @@ class Camera(Observers):
             config.cos_half, config.reach, config.rough, math.radians(config.noise_deg), n.tilt,
             math.hypot(n.heading, n.heading_bias), math.hypot(n.place, n.walk, n.common, n.height_bias),
         )  # fmt: skip
-        self.axis = state.new_tensor(config.axis_b).expand(*state.shape[:2], 3).contiguous()
+        self.axis = self.remember(state.new_tensor(config.axis_b).expand(*state.shape[:2], 3).contiguous())
         self.true, self._own = true, own
         pack = runtime.Packed(
             CameraPack, sightings=sightings, objects=objects, axis=self.axis, hs=hs, numbers=state.new_tensor(numbers)
@@ -297,8 +294,6 @@ class Camera(Observers):
 
 class Lookout(Observers):
     """The lookouts of one team of vessels."""
-
-    STATE = ("_hidden",)
 
     def __init__(
         self, config: LookoutConfig, instruments: InstrumentsConfig, sightings: Tensor, objects: Tensor, true: Views,
@@ -318,7 +313,7 @@ class Lookout(Observers):
             config.vessel_range, config.obstacle_range, config.range_noise, math.radians(config.bearing_noise_deg),
             config.dropout, math.hypot(n.heading, n.heading_bias), math.hypot(n.place, n.walk),
         )  # fmt: skip
-        self._hidden = state.new_zeros(state.shape[:2])
+        self._hidden = self.remember(state.new_zeros(state.shape[:2]))
         self._share = torch.linspace(0.0, 1.0, POINTS + 2, device=state.device, dtype=state.dtype)[1:-1].view(-1, 1)
         pack = runtime.Packed(
             LookoutPack, sightings=sightings, objects=objects, hidden=self._hidden, numbers=state.new_tensor(numbers)

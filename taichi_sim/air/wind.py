@@ -33,6 +33,7 @@ from taichi_sim.conventions import GRAVITY
 from taichi_sim.kernels import fast, runtime
 from taichi_sim.kernels.fast import exp
 from taichi_sim.kernels.random import SlowVariation, log
+from taichi_sim.memory import Remembers
 
 Shape = Literal["pulse", "ramp"]
 Profile = Literal["log", "power", "uniform"]
@@ -170,7 +171,7 @@ def mean_wind_factor(profile: ti.template(), shear, h):
     return factor
 
 
-class Wind:
+class Wind(Remembers):
     """Wind of every environment.
 
     The slow variation of each horizontal component is a first-order Gauss-Markov process (kernels/random.py).
@@ -181,8 +182,6 @@ class Wind:
         profile, shear: profile of the mean wind over height, as `mean_wind_factor` takes it.
         w20_factor: ratio of the wind at 20 ft to that at 10 m.
     """
-
-    STATE = ("velocity", "_mean", "_variation")
 
     def __init__(self, config: AirConfig | None, num_envs: int, seed: int):
         """Draw the wind of each environment; without a `config` it is calm."""
@@ -195,10 +194,10 @@ class Wind:
         start, file = math.radians(direction_deg), self.config.series
         self._series = Series(*read_series(file, blows_from=True)) if file else None
         mean = [-speed * math.cos(start), -speed * math.sin(start), 0.0]
-        self._mean = torch.tensor(mean, dtype=run.torch_dtype, device=run.device).repeat(num_envs, 1)
-        self.velocity = self._mean.clone()
+        self._mean = self.remember(torch.tensor(mean, dtype=run.torch_dtype, device=run.device).repeat(num_envs, 1))
+        self.velocity = self.remember(self._mean.clone())
         std, time_constant = self.config.std, self.config.time_constant
-        self._variation = SlowVariation(num_envs, std, time_constant, seed=seed, stream=STREAM)
+        self._variation = self.remember(SlowVariation(num_envs, std, time_constant, seed=seed, stream=STREAM))
         everywhere = torch.arange(num_envs, device=run.device)
         self.follow(everywhere, torch.zeros(num_envs, dtype=torch.float64, device=run.device))
         self.reset(everywhere)

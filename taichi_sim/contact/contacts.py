@@ -29,6 +29,8 @@ from taichi_sim.conventions import BELOW, HORIZONTAL, POSITION, QUATERNION
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.kernels.runtime import Launcher
+from taichi_sim.memory import Remembers
+from taichi_sim.state import entries
 
 FRICTION_KEY = "deck.friction"  # may differ between environments if `Vehicle.varying` has it
 DEEPEST_START = 0.02  # m; a sole that begins deeper below a deck's plane is inside the deck, not on it; assumed
@@ -80,7 +82,7 @@ class Carriers:
         return torch.cat([part.expand(*shape, -1) for part in parts], dim=-1).to(self.fleet.state.dtype).contiguous()
 
 
-class Contacts:
+class Contacts(Remembers):
     """All decks and legs of a world (see the module's docstring).
 
     Attributes:
@@ -88,14 +90,12 @@ class Contacts:
         legged: name -> team with legs, if the world has a deck for them; each of these teams has a `Touch`.
     """
 
-    STATE = ("placed",)
-
     def __init__(self, teams: Mapping[str, Fleet], interval: float):
         """Find the decks and legs of `teams`, whose control steps take `interval` (s)."""
         self.interval = interval
         self.carriers: list[Carriers] = []
         self.legged: dict[str, Fleet] = {}
-        self.placed: Tensor | None = None
+        self.placed: Tensor | None = self.remember(None)
         legged = {name: fleet for name, fleet in teams.items() if fleet.model.legs is not None}
         decks = {name: fleet for name, fleet in teams.items() if fleet.model.deck is not None and name not in legged}
         if not legged or not decks:
@@ -167,7 +167,7 @@ class Contacts:
     def remembered(self) -> dict[str, dict[str, Tensor]]:
         """Copies of the memory of teams with legs: team -> name -> [env, vehicle, n]."""
         return {
-            fleet.name: {name: getattr(fleet.touch, name).clone() for name in Touch.STATE}
+            fleet.name: {entry.key: entry.value.clone() for entry in entries(fleet.touch)}
             for fleet in self.legged.values()
         }
 

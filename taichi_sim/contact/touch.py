@@ -22,6 +22,7 @@ from torch import Tensor
 from taichi_sim.contact.carrier import PRESSED, PRESSING_SIZE, WAY_SIZE
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import TouchPack
+from taichi_sim.memory import Remembers
 
 SOLE_SIZE = 3
 """Columns of a sole: x and y of the point where it was set down (carrier's b, from the deck's centre, m); mark."""
@@ -49,7 +50,7 @@ def sole_force(depth, sinking, bent, sliding, stiffness, damping, friction):
     return N, shortened(-stiffness * left - damping * sliding, friction * N), left
 
 
-class Touch:
+class Touch(Remembers):
     """Contact of a team with legs with the decks around it.
 
     Attributes:
@@ -62,15 +63,14 @@ class Touch:
         way: [env, vehicle, WAY_SIZE], motion of the nearby deck in this step (carrier.py).
     """
 
-    STATE = ("pressing", "soles", "struck", "blow")
-
     def __init__(self, num_envs: int, count: int, legs: int):
         """Begin without any contact."""
         run = runtime.current()
-        self.pressing, self.soles, self.struck, self.blow, self.way = (
-            torch.zeros((num_envs, count, size), dtype=run.torch_dtype, device=run.device)
-            for size in (PRESSING_SIZE, SOLE_SIZE * legs, 1, 1, WAY_SIZE)
+        self.pressing, self.soles, self.struck, self.blow = (
+            self.remember(torch.zeros((num_envs, count, size), dtype=run.torch_dtype, device=run.device))
+            for size in (PRESSING_SIZE, SOLE_SIZE * legs, 1, 1)
         )
+        self.way = self.scratch(self.blow.new_zeros((num_envs, count, WAY_SIZE)))
         self.pack = runtime.Packed(
             TouchPack, way=self.way, pressing=self.pressing, soles=self.soles, struck=self.struck, blow=self.blow
         )

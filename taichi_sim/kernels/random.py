@@ -28,6 +28,7 @@ from taichi_sim.kernels import fast, runtime
 from taichi_sim.kernels.abreast import bit_cast, cast
 from taichi_sim.kernels.lanes import is_laned
 from taichi_sim.kernels.runtime import array1, array2, whole1
+from taichi_sim.memory import Remembers
 
 # Streams: one for each use of random numbers, so that no two uses share them.
 TURBULENCE, SLOW_VARIATION = 1, 2
@@ -146,7 +147,7 @@ def normal6(seed, stream, env, vehicle, step):
     return z
 
 
-class Noise:
+class Noise(Remembers):
     """Counter of one source of noise.
 
     Attributes:
@@ -157,13 +158,11 @@ class Noise:
         seed: seed of the random numbers.
     """
 
-    STATE = ("keys",)
-    SHARED = ("clock", "seed", "_head")
-
     def __init__(self, num_envs: int, seed: int = 0, clock: int = 0):
         """Begin a counter for `num_envs` environments."""
         self.table = torch.zeros(2 + num_envs, dtype=torch.int32, device=runtime.current().device)
-        self._head, self.keys = self.table[:2], self.table[2:]
+        self._head, self.keys = self.share(self.table[:2]), self.remember(self.table[2:])
+        self.seed, self.clock = self.share(seed), self.share(clock)
         self.keys.copy_(torch.arange(num_envs))
         self.restart(seed, clock)
 
@@ -206,7 +205,7 @@ def _walk(value: array2, numbers: array1, count: whole1, serial: ti.template()):
             value[e, a] = numbers[0] * value[e, a] + numbers[1] * z[a]
 
 
-class SlowVariation:
+class SlowVariation(Remembers):
     """Slow random part of a current or a wind: a first-order Gauss-Markov process for each horizontal component.
 
     The step is the exact solution for any dt (Gelb 1974, Applied Optimal Estimation, sec. 3.8):
@@ -218,17 +217,14 @@ class SlowVariation:
         varies: whether `std` is above 0.
     """
 
-    STATE = ("value", "_noise")
-    SHARED = ("_generator",)
-
     def __init__(self, num_envs: int, std: float, time_constant: float, *, seed: int, stream: int):
         """Begin at zero. `std` m/s, `time_constant` s; `stream` separates the random numbers from other uses."""
         run = runtime.current()
         self.varies, self._std, self._time, self._stream = std > 0, std, time_constant, stream
-        self.value = torch.zeros((num_envs, 2), dtype=run.torch_dtype, device=run.device)
-        self._numbers, self._step = self.value.new_zeros(2), 0.0
-        self._noise = Noise(num_envs)
-        self._generator = torch.Generator(device=run.device)
+        self.value = self.remember(torch.zeros((num_envs, 2), dtype=run.torch_dtype, device=run.device))
+        self._numbers, self._step = self.scratch(self.value.new_zeros(2)), self.scratch(0.0)
+        self._noise = self.remember(Noise(num_envs))
+        self._generator = self.share(torch.Generator(device=run.device))
         self._launch, self._serial = runtime.Launcher(_walk), runtime.few(num_envs, WALK)
         self.reseed(seed)
 

@@ -10,6 +10,7 @@ from taichi_sim.air import Wind
 from taichi_sim.config import ConfigError, Range, WorldConfig
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
+from taichi_sim.memory import Remembers
 from taichi_sim.randomisation.conditions import TRUTH, Conditions, spread, varied
 from taichi_sim.sea.current import Current
 from taichi_sim.vehicle import edge
@@ -19,7 +20,7 @@ BATCH = 4096  # vehicles drawn at once; their derived numbers cost little more t
 HALVINGS = 50  # steps of the bisection for the nearest number that a vehicle file accepts
 
 
-class NumberDraws:
+class NumberDraws(Remembers):
     """Draws new numbers for a fleet's vehicles when an episode begins; numbers without a range stay as in the file.
 
     Each range is checked together with the other numbers of the vehicle file. Mass, inertia and CG of a vehicle are
@@ -31,9 +32,6 @@ class NumberDraws:
         told: [env, vehicle, name] relative deviation of each number from that of the vehicle file, in run precision.
             If the file's number is 0, the deviation is divided by the range's larger end instead. Written in place.
     """
-
-    STATE = ("told",)
-    SHARED = ("_batch", "_generator")
 
     def __init__(self, fleet: Fleet, ranges: Mapping[str, Range], variation: float, seed: int):
         """Draw for `fleet` from `ranges`, whose widths are multiplied by `variation`; at 0 nothing is drawn.
@@ -61,9 +59,9 @@ class NumberDraws:
         self._nominal = torch.tensor(nominal, dtype=torch.float64, device=device)
         self._scale = torch.tensor(scale, dtype=torch.float64, device=device)
         self._columns = [fleet.model.varying.index(key) for key in ranges]
-        self._batch: tuple[Tensor, ...] | None = None
-        self._generator = torch.Generator()  # on the CPU, so that every device has the same numbers
-        self.told = fleet.state.new_zeros((*fleet.state.shape[:2], len(self.names)))
+        self._batch: tuple[Tensor, ...] | None = self.share(None)
+        self._generator = self.share(torch.Generator())  # on the CPU, so that every device has the same numbers
+        self.told = self.remember(fleet.state.new_zeros((*fleet.state.shape[:2], len(self.names))))
         self.drawn = bool(ranges) and variation > 0
         self.reseed(seed)
 
@@ -113,7 +111,7 @@ def _held(fleet: Fleet, key: str, given: Range, variation: float) -> tuple[float
     return low, high
 
 
-class Variation:
+class Variation(Remembers):
     """Conditions of the realisations (conditions.py) and numbers of the vehicles of every environment.
 
     Attributes:
@@ -123,19 +121,17 @@ class Variation:
         names: team -> names of these columns.
     """
 
-    STATE = ("turbulence", "truth", "_draws")
-
     def __init__(self, config: WorldConfig, conditions: Conditions, num_envs: int, seed: int):
         """Take the configuration and seed of a world; call `add` for each of its teams."""
         run = runtime.current()
         self.config, self.seed = config, seed
-        self.turbulence: Tensor | None = None
+        self.turbulence: Tensor | None = self.remember(None)
         self._keys, self._tables = varied(config), conditions.tables()
         if "air.turbulence" in self._keys:
             self.turbulence = torch.ones(num_envs, dtype=run.torch_dtype, device=run.device)
-        self.truth: dict[str, Tensor] = {}
+        self.truth: dict[str, Tensor] = self.remember({})
         self.names: dict[str, tuple[str, ...]] = {}
-        self._draws: dict[str, NumberDraws] = {}
+        self._draws: dict[str, NumberDraws] = self.remember({})
 
     def add(self, fleet: Fleet) -> None:
         """Include the vehicles of a team.

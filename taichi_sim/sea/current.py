@@ -22,6 +22,7 @@ from taichi_sim.config.sea import CONSTITUENTS
 from taichi_sim.config.series import Series, read_series
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import SlowVariation
+from taichi_sim.memory import Remembers
 
 POWER = 1 / 7  # exponent of the tidal profile
 STREAM = 0xC0  # separates the current's random numbers from those of the waves of the same seed
@@ -49,15 +50,13 @@ class Tide:
         return (speed * self._along).to(runtime.current().torch_dtype)
 
 
-class Current:
+class Current(Remembers):
     """Current of every environment.
 
     Attributes:
         velocity: velocity at the surface, [env, 2], north and east, m/s, in run precision. It is written in place and
             never replaced.
     """
-
-    STATE = ("velocity", "_mean", "_steady", "_variation")
 
     def __init__(self, config: CurrentConfig | None, num_envs: int, seed: int, depth: float | None = None):
         """Draw the current of each environment.
@@ -77,13 +76,13 @@ class Current:
             raise ConfigError("sea.current.profile = 'power' needs sea.depth, in m")
         heading, speed = math.radians(self.config.direction_deg), self.config.speed
         mean = [speed * math.cos(heading), speed * math.sin(heading)]
-        self._mean = torch.tensor(mean, dtype=run.torch_dtype, device=run.device).repeat(num_envs, 1)
+        self._mean = self.remember(torch.tensor(mean, dtype=run.torch_dtype, device=run.device).repeat(num_envs, 1))
         self._series = Series(*read_series(self.config.series)) if self.config.series else None
         self._tide = Tide(self.config.tide) if self.config.tide else None
-        self._steady = self._mean.clone()  # the steady part of the mean
+        self._steady = self.remember(self._mean.clone())  # the steady part of the mean
         std, time_constant = self.config.std, self.config.time_constant
-        self._variation = SlowVariation(num_envs, std, time_constant, seed=seed, stream=STREAM)
-        self.velocity = self._mean.clone()
+        self._variation = self.remember(SlowVariation(num_envs, std, time_constant, seed=seed, stream=STREAM))
+        self.velocity = self.remember(self._mean.clone())
         everywhere = torch.arange(num_envs, device=run.device)
         self.follow(everywhere, torch.zeros(num_envs, dtype=torch.float64, device=run.device))
         self.reset(everywhere)

@@ -13,7 +13,8 @@ from everything import differences, everything
 from rl.mission import Mission
 from rl.missions import load_scenario, make_mission
 from taichi_sim import state
-from taichi_sim.state import StateError
+from taichi_sim.memory import Remembers
+from taichi_sim.state import StateError, Stateful
 from taichi_sim.world import World
 
 PLUGIN = Path(__file__).parents[1] / "data" / "plugins" / "buoys.toml"
@@ -206,20 +207,91 @@ def test_numbers_and_loads_that_were_given_between_are_taken_back():
     assert fleet.varied and float(fleet.load[0, 0, 0]) == 50.0
 
 
-class Queue(Mission):
-    """What a mission of somebody's may hold, none of it named."""
+class Part(Remembers):
+    """A part that remembers a tensor."""
 
-    def __init__(self, held):
-        self.num_envs, self.held, self.names = 3, held, ["a", "b"]
-        self.rng, self.times, self.nested = np.random.default_rng(1), [1, 2], {"x": torch.zeros(3), "n": 4}
+    def __init__(self):
+        self.table = self.remember(torch.zeros(3, 2))
+        self.view = self.table[:, 0]
 
 
-def test_the_default_keeps_what_it_can_see_and_refuses_by_name_what_it_cannot():
-    mine = Queue(torch.arange(3.0))
-    found = {entry.path: entry.value for entry in state.walk(mine).entries}
-    assert {"Queue.held", "Queue.rng", "Queue.times", "Queue.nested['x']", "Queue.nested['n']"} <= found.keys()
-    with pytest.raises(StateError, match=r"Queue\.held is a collections\.deque.*STATE and SHARED"):
-        state.walk(Queue(deque([1])))
+class Buoy(Stateful):
+    """What somebody's world may hold."""
+
+    num_envs = 3
+
+    def __init__(self):
+        self.place, self.part = self.remember(torch.zeros(3, 2)), self.remember(Part())
+        self.rng, self.drawn = self.share(np.random.default_rng(1)), self.share(0)
+        self.nested = self.remember({"x": torch.zeros(3), "n": 4, "parts": [Part()]})
+        self.way, self.limit, self.same = self.scratch(torch.zeros(3)), torch.ones(2), self.part.view
+
+
+def test_what_is_declared_is_found_and_what_was_forgotten_is_named():
+    buoy = Buoy()
+    assert {entry.path.removeprefix("Buoy."): entry.of_env for entry in state.checked(buoy).entries} == {
+        "place": True, "part.table": True, "rng": False, "drawn": False, "nested['x']": True, "nested['n']": False,
+        "nested['parts'][0].table": True,
+    }  # fmt: skip
+    buoy.place, buoy.drawn, buoy.way = buoy.place + 1, 1, torch.ones(3)
+    buoy.part.table[0] = buoy.way[0] = 2.0  # views of what is declared, too
+    state.checked(buoy)
+
+    def again(buoy):
+        buoy.limit = torch.zeros(2)
+
+    def counted(buoy):
+        buoy.num_envs = buoy.most = 3
+        buoy.most += 1
+
+    def written(buoy):
+        buoy.limit[0] = 0.0
+
+    def removed(buoy):
+        del buoy.place
+
+    forgotten = {
+        r"Buoy\.limit is assigned again, .* self\.limit = self\.remember": again,
+        r"Buoy\.most is assigned again": counted,
+        r"Buoy\.limit has been written in place": written,
+        r"Buoy\.plaec is a part that remembers": lambda b: setattr(b, "plaec", Part()),
+        r"Buoy\.held holds tensors": lambda b: setattr(b, "held", {"a": torch.zeros(3)}),
+        r"Buoy\.held is a generator": lambda b: setattr(b, "held", torch.Generator()),
+        r"Buoy\.place was declared by self\.remember\(\.\.\.\) and is gone": removed,
+        r"Buoy\.place is declared twice": lambda b: setattr(b, "place", b.share(torch.zeros(3, 2))),
+        r"Buoy\.nested is a collections\.deque, .* derive its class": lambda b: setattr(b, "nested", deque([1])),
+    }
+    for told, forget in forgotten.items():
+        buoy = Buoy()
+        with pytest.raises(StateError, match=told):
+            forget(buoy)
+            state.checked(buoy)
+
+
+def test_a_mission_that_declares_nothing_works_until_it_keeps_something():
+    class Forgetful(type(begun(str(PLUGIN)))):
+        """Counts its episodes by environment."""
+
+        def begin(self, envs, **where):
+            super().begin(envs, **where)
+            if not hasattr(self, "episodes"):
+                self.episodes = torch.zeros(self.num_envs)
+            self.episodes[envs] += 1
+
+    with pytest.raises(StateError, match=r"Forgetful\.episodes has been written in place.* self\.remember"):
+        Forgetful(load_scenario(str(PLUGIN)), 3, seed=1, source=PLUGIN)
+
+
+def test_a_snapshot_makes_the_controllers_whose_memory_it_holds():
+    mission, other = begun("otter", 3), begun("otter", 3)
+    team = mission.teams["usv"]
+    for _ in range(3):
+        mission.step({n: t.classical(t.controller) for n, t in mission.teams.items()})
+    saved, drift = mission.snapshot(), team.controller.course.drift.value.clone()
+    assert saved.made == ("usv", "uav")
+    other.restore(saved)
+    assert other.teams["usv"].controller.course.drift.value.equal(drift)
+    assert mission.fork([0], 3).teams["usv"].controller.course.drift.value.equal(drift[[0, 0, 0]])
 
 
 def test_what_cannot_be_is_refused_and_nothing_is_written(monkeypatch):

@@ -53,7 +53,6 @@ class FixedWing6DofGains(AvoidanceGains):
 class FixedWing6DofController(SlotController):
     """Acts for a team of aircraft with an autopilot; it has no state."""
 
-    STATE = ()
     Gains = FixedWing6DofGains
     gains: FixedWing6DofGains
 

@@ -141,8 +141,6 @@ class ForceGains(AvoidanceGains):
 class ForceController(SlotController):
     """A controller whose kernel `law` follows the desired force. It has no state."""
 
-    STATE = ()
-
     def _set_up(self, model: UnityAircraft | UnityBoat, law: Any, *, most: float, **numbers: float) -> None:
         """Compute what follows from `gains`; `most` is the top acceleration, m/s^2, `numbers` are the law's own."""
         gains, interval = cast(ForceGains, self.gains), model.dt * model.substeps

@@ -36,6 +36,7 @@ from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.packs import values_at
 from taichi_sim.kernels.rotation import HEADING_COS
 from taichi_sim.kernels.runtime import array3
+from taichi_sim.memory import Remembers
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.usv.hull.thrusters import PropellerPair
 from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof, Manoeuvring3dofParams
@@ -202,7 +203,7 @@ class CourseCommand(NamedTuple):
     change: Tensor  # v*', m/s^2
 
 
-class Course:
+class Course(Remembers):
     """Computes the loads for a team of one kind of vessel; its only state is the drift.
 
     Over ground, with the error e = slot - position, the drift z (`Drift`), and evasion (../avoidance.py) of what is
@@ -228,13 +229,11 @@ class Course:
     sway in waves.
     """
 
-    STATE = ("drift",)
-
     def __init__(self, vessel: VesselDynamics, gains: CourseGains, interval: float):
         """Compute what follows from the `gains` for decisions every `interval` s."""
         self.gains = gains
         self.loops, self.avoid = loops(vessel, gains, interval), Avoider(gains)
-        self.drift = Drift(self.loops.k_i, vessel.top_speed, interval)
+        self.drift = self.remember(Drift(self.loops.k_i, vessel.top_speed, interval))
         self.top_speed, self.least_speed = gains.speed_share * vessel.top_speed, LEAST_SHARE * vessel.top_speed
         numbers = {
             "m11": vessel.m11, "m22": vessel.m22, "m33": vessel.m33, "sway_yaw": vessel.sway_yaw,
@@ -281,7 +280,7 @@ class Course:
         return (self.top_speed**2 - own * own + toward * toward).clamp(min=0.0).sqrt() - toward
 
 
-class Drift:
+class Drift(Remembers):
     """Drift of a team: a velocity, added to the desired one, that compensates current, wind and sway.
 
     It is the integral of the position error in n, z' = k_i e: in n a current is constant however the hull turns.
@@ -291,15 +290,13 @@ class Drift:
     IEEE CDC, eq. 7, in terms of velocities). An episode begins without a drift.
     """
 
-    STATE = ("place", "moved", "value", "given")
-
     def __init__(self, k_i: float, top_speed: float, interval: float):
         """`k_i` 1/s^2, `top_speed` m/s, `interval` s."""
         self.interval, self.step, self.most = interval, k_i * interval, DRIFT_SHARE * top_speed
-        self.place: Tensor | None = None  # as the other states are before the first decision
-        self.moved: Tensor | None = None
-        self.value: Tensor | None = None
-        self.given: Tensor | None = None
+        self.place: Tensor | None = self.remember(None)  # as the other states are before the first decision
+        self.moved: Tensor | None = self.remember(None)
+        self.value: Tensor | None = self.remember(None)
+        self.given: Tensor | None = self.remember(None)
 
     def at(self, position: Tensor, begins: Tensor) -> Tensor:
         """The drift (m/s) of vehicles at `position` (m), both [env, vehicle, 2]; 0 where an episode `begins` [env]."""
@@ -358,8 +355,6 @@ class Hull6DofGains(CourseGains):
 class CourseController(SlotController):
     """Acts for a team of vessels; its only state is their drift."""
 
-    STATE = ("course",)
-
     course: Course
 
     def wanted(self, team: Knowledge) -> CourseCommand:
@@ -389,7 +384,7 @@ class Hull6DofController(CourseController):
             )
         self.thrusters, self.actions = model.params.thrusters, model.params.actions
         self.gains = gains or Hull6DofGains()
-        self.course = Course(hull_dynamics(model, self.thrusters), self.gains, model.dt * model.substeps)
+        self.course = self.remember(Course(hull_dynamics(model, self.thrusters), self.gains, model.dt * model.substeps))
 
     def act(self, team: Knowledge, wanted: CourseCommand) -> Tensor:
         """Actions [env, vehicle, 2] in [-1, 1]; 0 where they would be NaN, as for a state that is not finite."""
@@ -457,7 +452,7 @@ class Manoeuvring3dofController(CourseController):
         """Compute what follows from the parameters of `model` and the `gains`."""
         self.params = model.params
         self.gains = gains or Manoeuvring3dofGains()
-        self.course = Course(planar_dynamics(model.params), self.gains, model.dt * model.substeps)
+        self.course = self.remember(Course(planar_dynamics(model.params), self.gains, model.dt * model.substeps))
 
     def act(self, team: Knowledge, wanted: CourseCommand) -> Tensor:
         """Actions [env, vehicle, 2 or 3] in [-1, 1]; 0 where they would be NaN, as for a state that is not finite."""

@@ -34,6 +34,7 @@ from taichi_sim.config.io import validate
 from taichi_sim.conventions import DOWN, QUATERNION, STATE_SIZE
 from taichi_sim.fleet import Views
 from taichi_sim.kernels.rotation import DERIVED_SIZE, HEADING_COS, HEADING_SIN, ROTATION, VELOCITY_N
+from taichi_sim.memory import Remembers
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 
 SEARCH_PITCH, SEARCH_SPEED = 1.0, 0.5  # of the circle's radius; of the cruising speed, along the spiral; assumed
@@ -64,8 +65,6 @@ class EscortAircraft(ResidualTeam):
         sensor: surrounding obstacles and team mates.
     """
 
-    STATE = ("sensor", "distance", "gap_error", "in_range", "own", "camera", "measured")
-
     logged = LOGGED
     mission: Parts
     axes = 3
@@ -76,24 +75,25 @@ class EscortAircraft(ResidualTeam):
         config, state, model = mission.config, self.fleet.state, self.fleet.model
         self.radius, self.interval, self.orbit = model.collision_radius, config.decision_interval, self.section.orbit
         sensing = config.sensing
-        self.sensor = Sensor(
-            self.fleet, sensing.obstacles, sensing.team_mates, sensing.detection_range, self.radius, "body"
+        self.sensor = self.remember(
+            Sensor(self.fleet, sensing.obstacles, sensing.team_mates, sensing.detection_range, self.radius, "body")
         )
         steps = torch.arange(self.fleet.count, device=state.device, dtype=state.dtype)
         self.down = -(self.orbit.height + self.orbit.height_step * steps)
-        self.distance = state.new_zeros(state.shape[:2])
-        self.gap_error, self.in_range = torch.zeros_like(self.distance), torch.zeros_like(self.distance)
+        self.distance, self.gap_error, self.in_range = (
+            self.remember(state.new_zeros(state.shape[:2])) for _ in range(3)
+        )
         group, number = tracking.groups[name], config.first_number(name)
         assert isinstance(group.own, Readings)
-        self.tracking, self.own = tracking, group.own
-        self.camera = Camera(
+        self.tracking, self.own = tracking, self.remember(group.own)
+        self.camera = self.remember(Camera(
             self.section.camera, self.section.sensors, tracking.sightings, tracking.objects, mission.hs, self.fleet,
             self.own, first=group.first, vehicles=number,
-        )  # fmt: skip
+        ))  # fmt: skip
         boats = tracking.groups.get(config.escort.boats)
         form = CirclingForm(group.first, (0, 0) if boats is None else (boats.first, boats.first + boats.count))
         self._errors = CircleErrors(self, form)
-        self.measured = MeasuredAircraft(self, number, form)
+        self.measured = self.remember(MeasuredAircraft(self, number, form))
 
     @property
     def _known(self) -> "MeasuredAircraft":
@@ -172,7 +172,7 @@ class EscortAircraft(ResidualTeam):
         return torch.cat(parts, dim=-1)
 
 
-class MeasuredAircraft:
+class MeasuredAircraft(Remembers):
     """Knowledge of the aircraft (rl/guidance/knowledge.py), with the inputs of their orbit (circling.py).
 
     Attributes:
@@ -186,8 +186,6 @@ class MeasuredAircraft:
         target: the tangent of the circle at each aircraft. circle: writes what they know, and observations of it.
     """
 
-    STATE = ("target", "centre_velocity", "gap_error", "height_error", "sensor", "_boats", "_farthest")
-
     axes = EscortAircraft.axes
     radio = None
 
@@ -196,19 +194,24 @@ class MeasuredAircraft:
         state, tracking = team.fleet.state, team.tracking
         self._team, self.fleet = team, team.own
         self.radius, self.orbit = team.radius, team.orbit
-        self.now, self.slot_table = SlotErrors(state, self.axes), state.new_zeros((*state.shape[:2], SLOT_SIZE))
+        self.now = self.remember(SlotErrors(state, self.axes))
+        self.slot_table = state.new_zeros((*state.shape[:2], SLOT_SIZE))
         self.now.slot_velocity.fill_(FASTER)
-        self.target = Target(state.new_zeros((*state.shape[:2], TARGET_SIZE)), team.fleet.position_n[:, 0])
-        self.sensor = TrackedContacts(
-            team.section.sensors.scaled_contacts, team.sensor, team.fleet, self.fleet, team.interval, number
+        self.target = self.remember(
+            Target(state.new_zeros((*state.shape[:2], TARGET_SIZE)), team.fleet.position_n[:, 0])
+        )
+        self.sensor = self.remember(
+            TrackedContacts(
+                team.section.sensors.scaled_contacts, team.sensor, team.fleet, self.fleet, team.interval, number
+            )
         )
         self.centre, self.centre_velocity = (
             tracking.of(team.name, tracking.targets)[..., NORTH : EAST + 1],  # a live view
-            state.new_zeros((*state.shape[:2], 2)),
+            self.remember(state.new_zeros((*state.shape[:2], 2))),
         )
         self.believed = self.centre
-        self.gap_error, self.height_error = state.new_zeros(state.shape[:2]), state.new_zeros(state.shape[:2])
-        self._boats, self._farthest = (state.new_zeros((*state.shape[:2], n)) for n in (2, 1))
+        self.gap_error, self.height_error = (self.remember(state.new_zeros(state.shape[:2])) for _ in range(2))
+        self._boats, self._farthest = (self.remember(state.new_zeros((*state.shape[:2], n))) for n in (2, 1))
         self.circle = CircleKnowledge(self, team, form)
 
     @property
@@ -239,7 +242,7 @@ def scout_observers(mission: Parts, name: str, first: int) -> ObserverGroup:
     return ObserverGroup(first, views, views, SpiralSearch(section.orbit.radius, SCOUT_SPEED, section.orbit.radius))
 
 
-class Scouts:
+class Scouts(Remembers):
     """Scripted aircraft, which send sightings to the boats while the team of aircraft does not take part.
 
     There are as many as the scenario has aircraft. Each is a point that flies level at `SCOUT_SPEED` along the field of
@@ -248,19 +251,17 @@ class Scouts:
     its range, delay and loss.
     """
 
-    STATE = ("views", "camera")
-
     def __init__(self, mission: Parts, name: str, tracking: SharedTracking):
         """Make one scout for each vehicle of team `name`; all are among the observers of `tracking`."""
         section, like = mission.config.parts[name], mission.hs
         self.mission, self.name, self.section, self.orbit = mission, name, section, section.orbit
         group = tracking.groups[name]
-        self.views = group.own
+        self.views = self.remember(group.own)
         camera = section.camera.model_copy(update={"mount": "gimbal"})
-        self.camera = Camera(
+        self.camera = self.remember(Camera(
             camera, InstrumentsConfig(), tracking.sightings, tracking.objects, mission.hs, self.views, self.views,
             first=group.first, vehicles=mission.config.first_number(name),
-        )  # fmt: skip
+        ))  # fmt: skip
         steps = torch.arange(section.count, device=like.device, dtype=like.dtype)
         self._height = self.orbit.height + self.orbit.height_step * steps
 

@@ -22,6 +22,7 @@ from rl.perception.sensors import Sensor
 from rl.perception.sightings import Lookout
 from rl.rewards import paid
 from rl.team import Controller, Endings
+from taichi_sim.memory import Remembers
 
 AGE_SCALE, SIGMA_SCALE = 5.0, 10.0  # s, m at which an observation of a track reaches 1/2
 SEARCH_SPEED = 0.7  # along the spiral, in top speeds; assumed
@@ -51,8 +52,6 @@ class EscortBoats(ResidualTeam):
             and a decision ago. own: what the instruments measure. measured: the input of policies and controllers.
     """
 
-    STATE = ("now", "sensor", "before", "own", "lookout", "target", "measured")
-
     logged = LOGGED
     mission: Parts
     axes = 2
@@ -66,23 +65,26 @@ class EscortBoats(ResidualTeam):
         offsets = escort_offsets(self.section.formation, self.fleet.count, self.section.spacing)
         self.offsets = offsets.to(state)
         sensing = config.sensing
-        self.sensor = Sensor(
-            self.fleet, sensing.obstacles, sensing.team_mates, sensing.detection_range, self.radius, "heading"
+        self.sensor = self.remember(
+            Sensor(self.fleet, sensing.obstacles, sensing.team_mates, sensing.detection_range, self.radius, "heading")
         )
-        self.slot_table = state.new_zeros((mission.num_envs, self.fleet.count, SLOT_SIZE))
-        self.slot_table[..., OFFSET:RATE] = self.offsets
+        slots = state.new_zeros((mission.num_envs, self.fleet.count, SLOT_SIZE))
+        slots[..., OFFSET:RATE] = self.offsets
+        self.slot_table = slots
         table = state.new_zeros((mission.num_envs, 1, TARGET))
-        self.now = Geometry(self.fleet, table, 0.0, self.slot_table, self.axes, self.interval, about=True)
-        self.target = Target(table, self.now.slot[:, 0])
-        self.before = torch.zeros_like(self.now.distance)
+        self.now = self.remember(
+            Geometry(self.fleet, table, 0.0, self.slot_table, self.axes, self.interval, about=True)
+        )
+        self.target = self.remember(Target(table, self.now.slot[:, 0]))
+        self.before = self.remember(torch.zeros_like(self.now.distance))
         group, number = tracking.groups[name], config.first_number(name)
         assert isinstance(group.own, Readings)
-        self.own = group.own
-        self.lookout = Lookout(
+        self.own = self.remember(group.own)
+        self.lookout = self.remember(Lookout(
             self.section.lookout, self.section.sensors, tracking.sightings, tracking.objects, self.fleet, self.own,
             mission.elevation, vehicles=number,
-        )  # fmt: skip
-        self.measured = MeasuredBoats(self, number)
+        ))  # fmt: skip
+        self.measured = self.remember(MeasuredBoats(self, number))
         self.writer = ObservationWriter(self.measured, "full", self.reference_width)
         self._true = ObservationWriter(self, "full", self.reference_width)
 
@@ -164,15 +166,13 @@ class EscortBoats(ResidualTeam):
         return self.now.distance
 
 
-class MeasuredBoats:
+class MeasuredBoats(Remembers):
     """Knowledge of the boats (rl/guidance/knowledge.py).
 
     Attributes:
         fleet: own state as measured. target: each boat's estimate of the vessel, a row for each boat.
         now: errors from the slots about that estimate. sensor: charted objects near, team mates as measured.
     """
-
-    STATE = ("target", "now", "sensor")
 
     axes = EscortBoats.axes
     radio = None
@@ -183,12 +183,14 @@ class MeasuredBoats:
         self._team, self.fleet = team, team.own
         self.radius, self.slot_table = team.radius, team.slot_table
         table = tracking.of(team.name, tracking.targets).contiguous().clone()
-        self.now = Geometry(self.fleet, table, 0.0, team.slot_table, team.axes, team.interval, about=True)
-        self.target = Target(table, self.now.slot[:, 0])
-        self.sensor = ChartedContacts(
+        self.now = self.remember(
+            Geometry(self.fleet, table, 0.0, team.slot_table, team.axes, team.interval, about=True)
+        )
+        self.target = self.remember(Target(table, self.now.slot[:, 0]))
+        self.sensor = self.remember(ChartedContacts(
             team.section.sensors.scaled_contacts, team.sensor, team.fleet, self.fleet, team.interval, number,
             chart=tracking.chart, first=tracking.groups[team.name].first, objects=tracking.objects,
-        )  # fmt: skip
+        ))  # fmt: skip
 
     @property
     def steps(self) -> Tensor:

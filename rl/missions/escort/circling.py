@@ -367,14 +367,13 @@ class OrbitController(SlotController):
     flies the command and evades obstacles (rl/guidance/controllers/fixed_wing_6dof.py).
     """
 
-    STATE = ()
     Gains = OrbitGains
     gains: OrbitGains
 
     def __init__(self, model: FixedWing6DOF, gains: OrbitGains | None = None):
         """Derive gains from those of the autopilot."""
         self.gains = gains or OrbitGains()
-        self.flight = FixedWing6DofController(model, self.gains)
+        self.flight = self.remember(FixedWing6DofController(model, self.gains))
 
     def act(self, team: Knowledge, wanted: FlightCommand) -> Tensor:
         """Actions [env, aircraft, action] in [-1, 1] that follow the command."""

@@ -46,10 +46,6 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
         boats, aircraft: the teams, or None. scouts: in place of the aircraft, or None.
     """
 
-    STATE = (
-        "env_world", "bodies", "traffic", "hs", "vessel_place", "_cue", "arrived", "tracking", "scouts",
-    )  # fmt: skip
-
     Config = EscortScenario
     Judge = EscortJudge
 
@@ -72,25 +68,27 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
             warn_of_speeds(config, boats)
         worlds = draw_worlds(config, section.count, offsets, radius, self.generator)
         self.worlds = worlds.to(run.device)
-        self.obstacles = self.worlds.obstacles.to(run.torch_dtype).contiguous()
-        if not self.obstacles.shape[1]:  # a kernel needs at least one row: put it far away
-            far = self.obstacles.new_tensor([1e6, 1e6, 1.0, 1.0])
-            self.obstacles = far.expand(config.escort.worlds, 1, 4).contiguous()
+        obstacles = self.worlds.obstacles.to(run.torch_dtype)
+        if not obstacles.shape[1]:  # a kernel needs at least one row: put it far away
+            obstacles = obstacles.new_tensor([1e6, 1e6, 1.0, 1.0]).expand(config.escort.worlds, 1, 4)
+        self.obstacles = obstacles.contiguous()
         pool = self.worlds.bodies.to(run.torch_dtype).unsqueeze(1)
-        self.bodies, self.traffic = Bodies(self.num_envs, pool), Bodies(self.num_envs, pool[..., 1:])
+        self.bodies = self.remember(Bodies(self.num_envs, pool))
+        self.traffic = self.remember(Bodies(self.num_envs, pool[..., 1:]))
         self.bodies.table[:, RADIUS, 0], self.bodies.table[:, TOP, 0] = radius, VESSEL_TOP
-        self.env_world = torch.zeros(self.num_envs, dtype=torch.int64, device=run.device)
+        self.env_world = self.remember(torch.zeros(self.num_envs, dtype=torch.int64, device=run.device))
         self._hs = torch.as_tensor(self.world.sea.components.hs).to(run.device, run.torch_dtype)
-        self.hs = torch.zeros(self.num_envs, device=run.device, dtype=run.torch_dtype)
-        self.vessel_place, self.vessel_velocity = self.hs.new_zeros((self.num_envs, 2)), self._script.velocity
-        self._cue = self.hs.new_zeros((self.num_envs, 2))  # place of the vessel that is given at the start, m
-        self.arrived = torch.zeros(self.num_envs, dtype=torch.bool, device=run.device)
-        self.tracking = self._shared_tracking(names)
+        self.hs = self.remember(torch.zeros(self.num_envs, device=run.device, dtype=run.torch_dtype))
+        self.vessel_velocity = self._script.velocity
+        # place of the vessel now, and the one that is given at the start, m
+        self.vessel_place, self._cue = (self.remember(self.hs.new_zeros((self.num_envs, 2))) for _ in range(2))
+        self.arrived = self.remember(torch.zeros(self.num_envs, dtype=torch.bool, device=run.device))
+        self.tracking = self.remember(self._shared_tracking(names))
         aircraft = config.escort.aircraft
         seen_by = config.parts.get(aircraft)
         self._on_waves = seen_by is not None and seen_by.camera.surface == "waves"  # else at mean sea level
         scouted = aircraft in config.teams and aircraft not in names
-        self.scouts = Scouts(self, aircraft, self.tracking) if scouted else None
+        self.scouts = self.remember(Scouts(self, aircraft, self.tracking) if scouted else None)
         boats = config.escort.boats
         self.boats = EscortBoats(self, boats, self.tracking) if boats in names else None
         self.aircraft = EscortAircraft(self, aircraft, self.tracking) if aircraft in names else None

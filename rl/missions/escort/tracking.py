@@ -32,6 +32,7 @@ from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
+from taichi_sim.memory import Remembers
 
 SLOWEST = 0.3  # m/s: the course of a slower vessel is not updated
 CUE_SPEED = 1.5  # m/s, standard deviation of the vessel's velocity at first, each way; assumed
@@ -105,7 +106,7 @@ class ObserverGroup(NamedTuple):
         return slice(self.first, self.first + self.count)
 
 
-class SharedTracking:
+class SharedTracking(Remembers):
     """Sightings, messages, charts and estimates of all observers of a mission.
 
     Attributes:
@@ -115,18 +116,15 @@ class SharedTracking:
         age, sigma: [env, observer] age (s) and standard deviation (m, each way) of the estimates.
     """
 
-    STATE = (
-        "objects", "sightings", "place", "radio", "chart", "targets", "age", "sigma", "_course", "_searching",
-    )  # fmt: skip
-
     def __init__(self, config: EscortScenario, groups: Mapping[str, ObserverGroup], objects: int):
         """Track `objects` objects by the observers in `groups`, team -> group, in order and not empty."""
         self._config = config
         state = next(iter(groups.values())).own.state
         envs, observers = state.shape[0], sum(g.count for g in groups.values())
-        self.groups, self.objects = groups, state.new_zeros((envs, objects, Object.SIZE))
-        self.sightings = state.new_full((envs, observers, objects, Sighting.SIZE), UNSEEN)
-        self.place = state.new_zeros((envs, observers, 3))
+        self.groups = groups
+        self.objects = self.remember(state.new_zeros((envs, objects, Object.SIZE)))
+        self.sightings = self.remember(state.new_full((envs, observers, objects, Sighting.SIZE), UNSEEN))
+        self.place = self.remember(state.new_zeros((envs, observers, 3)))
         radio, escort = config.radio, config.escort
         if escort.reports == "none":
             radio = radio.model_copy(update={"loss": 1.0})
@@ -134,14 +132,15 @@ class SharedTracking:
         relays = (0, 0)
         if escort.relay and flying:
             relays = flying[0].first, flying[0].first + flying[0].count
-        self.radio = Radio(
+        self.radio = self.remember(Radio(
             radio, self.place, config.decision_interval, width=width_of(objects), known=False, relays=relays,
             shift=1 if escort.reports == "others" else 0,
-        )  # fmt: skip
-        self.chart = Chart(self.sightings, self.radio.said, self.radio.heard, config.decision_interval)
-        self.targets = state.new_zeros((envs, observers, TARGET_SIZE))
-        self.age, self.sigma = state.new_zeros((envs, observers)), state.new_zeros((envs, observers))
-        self._course, self._searching = state.new_zeros((envs, observers)), state.new_zeros((envs, observers))
+        ))  # fmt: skip
+        self.chart = self.remember(Chart(self.sightings, self.radio.said, self.radio.heard, config.decision_interval))
+        self.targets = self.remember(state.new_zeros((envs, observers, TARGET_SIZE)))
+        self.age, self.sigma, self._course, self._searching = (
+            self.remember(state.new_zeros((envs, observers))) for _ in range(4)
+        )
         self._estimates = runtime.Packed(
             EstimatesPack, targets=self.targets, age=self.age, sigma=self.sigma, course=self._course,
             searching=self._searching,

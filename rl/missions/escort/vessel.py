@@ -50,11 +50,6 @@ class Wanderer(Script):
         velocity: [env, 2] over ground, NED, m/s, averaged over `SMOOTH`; it defines the vessel's course.
     """
 
-    STATE = (
-        "velocity", "_time", "_next", "_plan", "_steered", "_course", "_speed", "now", "sensor", "_sensor",
-        "controller",
-    )  # fmt: skip
-
     axes = 2
     radio = None
 
@@ -78,22 +73,25 @@ class Wanderer(Script):
             raise ConfigError(
                 f"{name}.vehicle = {section.vehicle!r}: the script sails only manoeuvring_3dof and hull_6dof"
             )
-        self.controller, top = controller, model.limits.speeds[2]
+        self.controller, top = self.remember(controller), model.limits.speeds[2]
         if self.config.course.speed[1] > top:
             raise ConfigError(f"course.speed = {list(self.config.course.speed)}: {name}'s vehicle can go {top:.3g} m/s")
         envs = state.shape[0]
         changes = 4 + math.ceil(2 * self.config.episode_duration / self.config.course.every)
         self.radius = model.collision_radius
-        self.now, self.slot_table = SlotErrors(state, self.axes), state.new_zeros((envs, self.fleet.count, SLOT_SIZE))
-        self.target = Target(state.new_zeros((envs, 1, TARGET)), state[:, 0, :3])
-        self._sensor = Sensor(self.fleet, SEEN, 0, REACH, self.radius)
-        self.sensor = Nearby(state, SEEN, BOATS, REACH, self.radius, self.axes)  # boats count as mates of its own
+        self.now = self.remember(SlotErrors(state, self.axes))
+        self.slot_table = state.new_zeros((envs, self.fleet.count, SLOT_SIZE))
+        self.target = self.remember(Target(state.new_zeros((envs, 1, TARGET)), state[:, 0, :3]))
+        self._sensor = self.remember(Sensor(self.fleet, SEEN, 0, REACH, self.radius))
+        # boats count as mates of its own
+        self.sensor = self.remember(Nearby(state, SEEN, BOATS, REACH, self.radius, self.axes))
         self.sensor.obstacles = self._sensor.obstacles
         self._avoid = Avoider(self.controller.gains)
-        self._time, self._next = state.new_zeros(envs), torch.zeros(envs, dtype=torch.int64, device=state.device)
-        self._plan = state.new_zeros((envs, changes, 3))  # of each change: time (s), course (rad), speed (m/s)
-        self._steered, self._course = state.new_zeros(envs), state.new_zeros(envs)
-        self._speed, self.velocity = state.new_zeros(envs), state.new_zeros((envs, 2))
+        self._next = self.remember(torch.zeros(envs, dtype=torch.int64, device=state.device))
+        # of each change: time (s), course (rad), speed (m/s)
+        self._plan = self.remember(state.new_zeros((envs, changes, 3)))
+        self._time, self._steered, self._course, self._speed = (self.remember(state.new_zeros(envs)) for _ in range(4))
+        self.velocity = self.remember(state.new_zeros((envs, 2)))
         self._among: Among | None = None
 
     def attach(self, among: "Among") -> None:

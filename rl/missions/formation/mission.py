@@ -40,8 +40,6 @@ class Formation(Mission[FormationScenario, TeamTask]):
         wind_factor: mean wind at the flight height over that at 10 m.
     """
 
-    STATE = ("env_world", "targets", "bodies")
-
     Config = FormationScenario
     Team = TeamTask
     Judge = FormationJudge
@@ -63,19 +61,18 @@ class Formation(Mission[FormationScenario, TeamTask]):
         pool = draw_traffic(config, self.tracks, starts, both, models, self.generator)
         self.tracks = self.tracks.to(run.device)  # all was drawn on the CPU: the same worlds on every device
         self.starts = starts.to(run.device)
-        self.bodies = Bodies(self.num_envs, pool.to(run.device, run.torch_dtype))
+        self.bodies = self.remember(Bodies(self.num_envs, pool.to(run.device, run.torch_dtype)))
+        if not both.shape[1]:  # a kernel needs one row: put it out of every vehicle's reach
+            both = both.new_tensor([1e6, 1e6, 1.0, 1.0]).expand(self.tracks.worlds, 1, 4)
         self.obstacles = both.to(run.device, run.torch_dtype).contiguous()
-        if not self.obstacles.shape[1]:  # a kernel needs one row: put it out of every vehicle's reach
-            far = self.obstacles.new_tensor([1e6, 1e6, 1.0, 1.0])
-            self.obstacles = far.expand(self.tracks.worlds, 1, 4).contiguous()
-        self.env_world = torch.zeros(self.num_envs, dtype=torch.int64, device=run.device)
-        self.targets = {
+        self.env_world = self.remember(torch.zeros(self.num_envs, dtype=torch.int64, device=run.device))
+        self.targets = self.remember({
             pace: Targets(
                 self.tracks, self.env_world, self.world.wind.velocity, speed=pace.speed,
                 interval=config.decision_interval, wind_factor=self.wind_factor, over_air=pace.over == "air",
             )
             for pace in map(config.pace, names)
-        }  # fmt: skip
+        })  # fmt: skip
         return {name: TeamTask(self, name, self.targets[config.pace(name)]) for name in names}
 
     # -- one step --------------------------------------------------------------------------------------------------
@@ -189,8 +186,6 @@ class ImaginedFormation(Formation):
     Track, target and slots are the plan, which all vehicles know. Its obstacles are those that the vehicles sense; they
     keep their velocity.
     """
-
-    STATE = ()
 
     def prepare(self) -> None:
         """Make room for as many bodies as the team may sense."""

@@ -27,6 +27,7 @@ from rl.guidance.shapes import formation_offsets
 from rl.missions.formation.config import FormationTeam
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.runtime import array1, array3
+from taichi_sim.memory import Remembers
 
 INTERVAL, GLIDE = range(2)  # parameters of the kernel
 SHAPE, SPACING = range(2)  # of a change
@@ -139,15 +140,13 @@ def _advance(slots: SlotsPack, steps: ti.types.ndarray(dtype=ti.i64, ndim=1), fo
             slots.left[e] = set_out(slots.table, e, slots.numbers[GLIDE])
 
 
-class Slots:
+class Slots(Remembers):
     """Slots of a team; a formation that cannot change is written once.
 
     Attributes:
         table: [env, vehicle, 6]; see the columns. offsets, rates: [env, vehicle, 2] views of it, ahead and to starboard
             of the leader: a slot (m), and how fast it glides (m/s).
     """
-
-    STATE = ("table", "_left", "_changes")
 
     def __init__(self, section: FormationTeam, state: Tensor, *, interval: float, glide: float, steps: int):
         """Hold the slots of a team whose state is `state` [env, vehicle, 13].
@@ -156,13 +155,13 @@ class Slots:
         """
         envs, every = state.shape[0], section.formation.change_every
         self._section, self._units = section, unit_offsets(section).to(state.device)
-        self.table = state.new_zeros((envs, section.count, SLOT_SIZE))
+        self.table = self.remember(state.new_zeros((envs, section.count, SLOT_SIZE)))
         self.offsets, self.rates = self.table[..., OFFSET:RATE], self.table[..., RATE:GOAL]
         self._choice = len(section.shapes) > 1 or section.spacings[0] < section.spacings[1]
         self._every = max(1, round(every / interval)) if every and self._choice else 0
         if self._every:
-            self._left = state.new_zeros(envs)
-            self._changes = state.new_zeros((envs, max(1, (steps - 1) // self._every), 2))
+            self._left = self.remember(state.new_zeros(envs))
+            self._changes = self.remember(state.new_zeros((envs, max(1, (steps - 1) // self._every), 2)))
             self._pack = runtime.Packed(
                 SlotsPack, table=self.table, left=self._left, changes=self._changes, units=self._units.to(state),
                 numbers=state.new_tensor([interval, glide]),

@@ -23,6 +23,7 @@ from rl.perception.sensors import Nearby, Sensor
 from rl.step import Endings
 from rl.team import Controller, Host
 from taichi_sim.fleet import Fleet
+from taichi_sim.memory import Remembers
 
 GLIDE_SHARE = 0.15  # of the target's speed, with which slots glide to a new formation; assumed
 NEAR_COST, ENDED_COST = 300.0, 2e4  # of plans, m^2: for each m less than the berth; for an ending
@@ -54,8 +55,6 @@ class TeamTask(ResidualTeam):
         slots: about the leader (slots.py). offsets: [env, vehicle, 2] of them, a live view, m.
     """
 
-    STATE = ("slots", "sensor", "now", "measured")
-
     logged = ("leader_error_m", "follower_error_m", "collisions_per_hour", "lost")
     mission: Course
     radio = None
@@ -70,16 +69,18 @@ class TeamTask(ResidualTeam):
         self.axes, self.radius = 3 if flies else 2, model.collision_radius
         glide = self.section.formation.glide or GLIDE_SHARE * config.pace(name).speed
         interval, steps = config.decision_interval, config.episode_steps
-        self.slots = Slots(self.section, state, interval=interval, glide=glide, steps=steps)
+        self.slots = self.remember(Slots(self.section, state, interval=interval, glide=glide, steps=steps))
         self.offsets, self.slot_table = self.slots.offsets, self.slots.table
         sensing, frame = config.sensing, "body" if flies else "heading"
         reach = sensing.detection_range
         # The number of mates observed does not depend on the team's size: one that does not exist is out of range.
-        self.sensor = Sensor(self.fleet, sensing.obstacles, sensing.team_mates, reach, self.radius, frame)
-        self.now = Geometry(self.fleet, targets.table, down, self.slot_table, self.axes, interval)
-        self.target = Target(targets.table, self.now.slot[:, 0])
+        self.sensor = self.remember(
+            Sensor(self.fleet, sensing.obstacles, sensing.team_mates, reach, self.radius, frame)
+        )
+        self.now = self.remember(Geometry(self.fleet, targets.table, down, self.slot_table, self.axes, interval))
+        self.target = self.remember(Target(targets.table, self.now.slot[:, 0]))
         exact = config.radio is None and config.sensors.exact and config.sensors.scaled_contacts.exact
-        self.measured = None if exact else MeasuredFormation(self, down)
+        self.measured = self.remember(None if exact else MeasuredFormation(self, down))
         self.writer = ObservationWriter(self._known, config.observations, self.reference_width)
         self._true = None if exact else ObservationWriter(self, config.observations, self.reference_width)
 
@@ -171,13 +172,11 @@ class TeamTask(ResidualTeam):
         return own or controller_of(self.fleet.model, self.section.control, f"{self.name}.control")
 
 
-class MeasuredFormation:
+class MeasuredFormation(Remembers):
     """One team's measured knowledge (rl/guidance/knowledge.py); parts without errors are those of the team itself.
 
     Rewards, endings and figures use the truth. Target and formation are the plan, which every vehicle knows exactly.
     """
-
-    STATE = ("fleet", "now", "sensor", "radio")
 
     def __init__(self, team: TeamTask, down: float):
         """Measure for `team`, whose target is at `down` (m)."""
@@ -188,13 +187,17 @@ class MeasuredFormation:
         self.axes, self.radius = team.axes, team.radius
         self.target, self.slot_table = team.target, team.slot_table
         self._team = team
-        self.fleet: Fleet | Readings = team.fleet if exact else Readings(team.fleet, config.sensors, interval, number)
-        self.radio = None if config.radio is None else Radio(config.radio, team.fleet.state, interval, vehicles=number)
-        self.now: SlotErrors = team.now
+        self.fleet: Fleet | Readings = self.remember(
+            team.fleet if exact else Readings(team.fleet, config.sensors, interval, number)
+        )
+        self.radio = self.remember(
+            None if config.radio is None else Radio(config.radio, team.fleet.state, interval, vehicles=number)
+        )
+        self.now: SlotErrors = self.remember(team.now)
         if not exact or self.radio is not None:
             heard = None if self.radio is None else self.radio.heard
             self.now = Geometry(self.fleet, team.target.table, down, team.slot_table, team.axes, interval, heard)
-        self.sensor: Nearby = team.sensor
+        self.sensor: Nearby = self.remember(team.sensor)
         if not (exact and contacts.exact):
             self.sensor = TrackedContacts(contacts, team.sensor, team.fleet, self.fleet, interval, number)
 

@@ -61,12 +61,6 @@ class Aircraft(Team[Parts, LandingTeam]):
             step and in it. failed: name -> bool, how it has failed in this step. All but rank are of decks with turns.
     """
 
-    STATE = (
-        "own", "_known_deck", "offset", "height", "distance", "to_go", "before", "tilt", "touched", "touching",
-        "settled", "settling", "touch_error", "touch_tilt", "touch_speed", "stood", "drifted", "aborts", "time",
-        "bearing", "turns", "landed", "over", "failed", "_anchor", "_low",
-    )  # fmt: skip
-
     logged = ("landed", "failed", "touch_error_m", "touch_speed")
 
     def __init__(self, mission: Parts, name: str, decks: Decks):
@@ -86,25 +80,25 @@ class Aircraft(Team[Parts, LandingTeam]):
         boats = config.parts[config.landing.boats].count
         self.boat_of = torch.arange(self.fleet.count, device=state.device) % boats
         self.alone = self.fleet.count == boats
-        self.own = Readings(self.fleet, self.section.sensors, self.interval, config.first_number(name))
-        self._known_deck = KnownDeck(state, self.interval)
+        self.own = self.remember(Readings(self.fleet, self.section.sensors, self.interval, config.first_number(name)))
+        self._known_deck = self.remember(KnownDeck(state, self.interval))
         self.soles_below = float(model.soles(self.fleet)[..., BELOW].max())
         self._soles = state.new_tensor(model.legs.points)[:, :2]
         shape = state.shape[:2]
-        self.offset, self._anchor = (state.new_zeros((*shape, 3)) for _ in range(2))
+        self.offset, self._anchor = (self.remember(state.new_zeros((*shape, 3))) for _ in range(2))
         (
             self.height, self.distance, self.to_go, self.before, self.tilt, self.touch_error, self.touch_tilt,
             self.touch_speed, self.stood, self.drifted, self.aborts, self.time,
-        ) = (state.new_zeros(shape) for _ in range(12))  # fmt: skip
+        ) = (self.remember(state.new_zeros(shape)) for _ in range(12))  # fmt: skip
         self.touched, self.touching, self.settled, self.settling, self._low, self.landed, self.over = (
-            torch.zeros(shape, dtype=torch.bool, device=state.device) for _ in range(7)
+            self.remember(torch.zeros(shape, dtype=torch.bool, device=state.device)) for _ in range(7)
         )
         self.rank, self._ranks = torch.arange(self.fleet.count, device=state.device) // boats, self.fleet.count // boats
-        self.turns = torch.zeros((shape[0], boats), dtype=torch.int64, device=state.device)
-        self.bearing = state.new_zeros((*shape, 2))
+        self.turns = self.remember(torch.zeros((shape[0], boats), dtype=torch.int64, device=state.device))
+        self.bearing = self.remember(state.new_zeros((*shape, 2)))
         names = () if self.alone else (*FAILED, *model.ending_names)
-        self.failed = {failing: torch.zeros_like(self.over) for failing in names}
-        self._wanted: Tensor | None = None
+        self.failed = self.remember({failing: torch.zeros_like(self.over) for failing in names})
+        self._wanted: Tensor | None = self.scratch(None)
 
     @property
     def known_deck(self) -> KnownDeck:
@@ -146,9 +140,9 @@ class Aircraft(Team[Parts, LandingTeam]):
         return self.controller  # pyright: ignore[reportReturnType] (made above)
 
     @property
-    def _in_use(self) -> Pilot:
-        """The pilot; its memory is part of the state, because it flies or is corrected."""
-        return self.pilot
+    def uses_controller(self) -> bool:
+        """Always: the pilot flies or is corrected."""
+        return True
 
     def restored(self) -> None:
         """Drop the pilot's velocity after a snapshot was restored."""
@@ -478,8 +472,6 @@ class Aircraft(Team[Parts, LandingTeam]):
 
 class SensingAircraft(Aircraft):
     """Aircraft that know their decks by the marker and the boats' messages."""
-
-    STATE = ()
 
     def __init__(self, mission: Parts, name: str, decks: Decks, radio: Radio):
         """Prepare team `name`, whose aircraft come after the boats of `decks` in `radio`."""

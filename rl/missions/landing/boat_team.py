@@ -21,6 +21,7 @@ from rl.perception.due import Due
 from rl.rewards import paid
 from rl.step import Endings
 from rl.team import Controller, Team
+from taichi_sim.memory import Remembers
 
 
 class Served(Parts, Protocol):
@@ -38,15 +39,13 @@ class BoatTeam(Team[Served, LandingTeam]):
         boats: what the team sails. chosen, chosen_before: [.., 2] the policy's last two actions.
     """
 
-    STATE = ("chosen", "chosen_before")
-
     logged = ("landed",)
 
     def __init__(self, mission: Served, name: str, boats: Boats):
         """Make team `name`, which sails `boats`."""
         super().__init__(mission, name)
         self.boats = boats
-        self.chosen = self.chosen_before = torch.zeros_like(boats.ordered)
+        self.chosen, self.chosen_before = (self.remember(torch.zeros_like(boats.ordered)) for _ in range(2))
 
     @property
     def action_names(self) -> tuple[str, ...]:
@@ -118,10 +117,8 @@ class BoatTeam(Team[Served, LandingTeam]):
         return torch.cat(told, dim=-1)
 
 
-class Hold:
+class Hold(Remembers):
     """The classical controller of the boats: it holds the ordered course and speed."""
-
-    STATE = ()
 
     def __call__(self, team: BoatTeam) -> Tensor:
         """Actions [env, boat, a] of the vessels."""

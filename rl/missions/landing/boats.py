@@ -22,6 +22,7 @@ from rl.team import ControllerError
 from taichi_sim.conventions import AHEAD, DOWN, STARBOARD
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.rotation import torch_euler_from_rotation
+from taichi_sim.memory import Remembers
 from taichi_sim.script import Script
 from taichi_sim.world import World
 
@@ -43,8 +44,6 @@ class Boats(Decks):
             and pitch as measured, averaged.
     """
 
-    STATE = ("own", "ordered", "aim", "steered", "mean", "acceleration", "squares", "_before")
-
     def __init__(self, fleet: Fleet, steps: Tensor, config: LandingScenario, *, manned: bool):
         """Sail `fleet`; `steps` int64 [env] are the decisions since the episode began.
 
@@ -55,7 +54,7 @@ class Boats(Decks):
         if model.medium != "water":
             raise ControllerError(f"{fleet.name}.vehicle = {section.vehicle!r}: no vessel that the mission could sail")
         super().__init__(fleet)
-        self.helm: Hull6DofController | Manoeuvring3dofController | None = None
+        self.helm: Hull6DofController | Manoeuvring3dofController | None = self.remember(None)
         try:
             helm = controller_of(model, section.control, f"{fleet.name}.control")
             if not isinstance(helm, Hull6DofController | Manoeuvring3dofController):
@@ -68,13 +67,15 @@ class Boats(Decks):
             if manned:
                 raise
         self.interval, self._way = config.decision_interval, config.course
-        self.own = Readings(fleet, section.sensors, self.interval, config.first_number(fleet.name))
+        self.own = self.remember(Readings(fleet, section.sensors, self.interval, config.first_number(fleet.name)))
         self.seen: DeckMotion = deck_motion(self.own, self.centre)
-        self._alone = Alone(self.own, steps)
+        self._alone = self.remember(Alone(self.own, steps))
         shape = state.shape[:2]
-        self.ordered, self.aim = state.new_zeros((*shape, 2)), state.new_zeros((*shape, 2))
-        self.steered = state.new_zeros(shape)
-        self.mean, self.acceleration, self._before, self.squares = (state.new_zeros((*shape, 3)) for _ in range(4))
+        self.ordered, self.aim = (self.remember(state.new_zeros((*shape, 2))) for _ in range(2))
+        self.steered = self.remember(state.new_zeros(shape))
+        self.mean, self.acceleration, self._before, self.squares = (
+            self.remember(state.new_zeros((*shape, 3))) for _ in range(4)
+        )
 
     # -- sailing ---------------------------------------------------------------------------------------------------
 
@@ -135,7 +136,7 @@ class Boats(Decks):
         return torch.cat((seen.place, seen.velocity, self.acceleration, attitude, self.own.angular_velocity_b), dim=-1)
 
 
-class Alone:
+class Alone(Remembers):
     """Knowledge (rl/guidance/knowledge.py) of boats that have no slots, no target, and nobody around."""
 
     axes, radio = 2, None
@@ -144,15 +145,14 @@ class Alone:
         """Know the boats as they measure themselves; `steps` int64 [env], decisions since the episode began."""
         state = own.state
         self.fleet, self.steps, self.radius = own, steps, own.model.collision_radius
-        self.now, self.slot_table = SlotErrors(state, self.axes), state.new_zeros((*state.shape[:2], SLOT_SIZE))
-        self.target = Target(state.new_zeros((len(state), 1, TARGET_SIZE)), self.now.slot[:, 0])
-        self.sensor = Nearby(state, 0, 0, 0.0, self.radius, self.axes)
+        self.now = self.remember(SlotErrors(state, self.axes))
+        self.slot_table = state.new_zeros((*state.shape[:2], SLOT_SIZE))
+        self.target = self.remember(Target(state.new_zeros((len(state), 1, TARGET_SIZE)), self.now.slot[:, 0]))
+        self.sensor = self.remember(Nearby(state, 0, 0, 0.0, self.radius, self.axes))
 
 
 class Helm(Script):
     """Steers the boats of a mission in which they take no part."""
-
-    STATE = ()
 
     def __init__(self, boats: Boats):
         """Steer `boats`."""

@@ -8,6 +8,7 @@ from torch import Tensor
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import BELOW
 from taichi_sim.fleet import Fleet, Views
+from taichi_sim.memory import Remembers
 
 
 class DeckMotion(NamedTuple):
@@ -39,14 +40,12 @@ def deck_motion(boats: Views, centre: Tensor) -> DeckMotion:
     return DeckMotion(place, velocity, R, R[..., 2, 2].clamp(-1.0, 1.0).acos(), boats.heading)
 
 
-class Decks:
+class Decks(Remembers):
     """The decks of a fleet of boats, as they are.
 
     Attributes:
         fleet: the boats. centre: [3] middle of a deck, m, b. deck: its motion, as of the last `follow`.
     """
-
-    STATE: tuple[str, ...] = ()
 
     def __init__(self, fleet: Fleet):
         """Follow the decks of `fleet`.

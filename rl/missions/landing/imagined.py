@@ -26,6 +26,7 @@ from taichi_sim.contact.contacts import Contacts, soles_in_deck
 from taichi_sim.conventions import ANGULAR_VELOCITY, BELOW, DOWN, POSITION, QUATERNION, STATE_SIZE, VELOCITY
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.rotation import torch_euler_from_rotation, torch_rotation_matrix
+from taichi_sim.memory import Remembers
 from taichi_sim.script import Script
 from taichi_sim.state import transfer
 from taichi_sim.surroundings import Surroundings
@@ -62,7 +63,7 @@ def imagined_scenario(config: LandingScenario, components: int) -> LandingScenar
     )
 
 
-class Ways:
+class Ways(Remembers):
     """The ways of all boats as they are foreseen.
 
     Attributes:
@@ -70,16 +71,14 @@ class Ways:
             of their decks (NED, m/s^2). since: int64 [env], decisions of the episode then.
     """
 
-    STATE = ("table", "since")
-
     def __init__(self, state: Tensor, steps: Tensor, interval: float, ahead: int):
         """Hold `ahead` decisions, every `interval` s, of the boats of `state` [env, boat, 13].
 
         `steps` int64 [env] are the decisions since the episode began.
         """
         self._steps, self.interval, self.ahead = steps, interval, ahead
-        self.table = state.new_zeros((*state.shape[:2], ahead, STATE_SIZE + 3))
-        self.since = torch.zeros_like(steps)
+        self.table = self.remember(state.new_zeros((*state.shape[:2], ahead, STATE_SIZE + 3)))
+        self.since = self.remember(torch.zeros_like(steps))
 
     def foreseen(self, ahead: int) -> Tensor:
         """The row [env, boat, 16] that is `ahead` decisions from now."""
@@ -126,8 +125,6 @@ class Adrift(Script):
 class ImaginedAircraft(Aircraft):
     """Aircraft that know their decks exactly."""
 
-    STATE = ()
-
     def __init__(self, mission: Parts, name: str, decks: Decks, ways: Ways):
         """Prepare team `name`, which lands on `decks` that move along `ways`."""
         super().__init__(mission, name, decks)
@@ -168,8 +165,6 @@ class ImaginedLanding(Mission[LandingScenario, ImaginedAircraft]):
         ways: of the boats. boats: their decks. aircraft: the team. foresight: of decks and wind. hs: [env], 0.
     """
 
-    STATE = ("ways", "boats")
-
     Config = LandingScenario
 
     def make_teams(self, names: Sequence[str]) -> dict[str, ImaginedAircraft]:
@@ -180,11 +175,11 @@ class ImaginedLanding(Mission[LandingScenario, ImaginedAircraft]):
             self.world.teams[self.config.landing.boats],
         )
         self.foresight = Foresight(Decks(fleet).centre, dt)
-        self.ways = Ways(fleet.state, self.steps, dt, self.foresight.steps)
+        self.ways = self.remember(Ways(fleet.state, self.steps, dt, self.foresight.steps))
         fleet.model = Foreseen(fleet.model, self.ways)
         self.world.contacts = Contacts(self.world.teams, dt)
         self.world.scripts[parts.boats] = Adrift(self.world, parts.boats)
-        self.boats, self.hs = Decks(fleet), fleet.state.new_zeros(self.num_envs)
+        self.boats, self.hs = self.remember(Decks(fleet)), fleet.state.new_zeros(self.num_envs)
         self.aircraft = ImaginedAircraft(self, parts.aircraft, self.boats, self.ways)
         return {parts.aircraft: self.aircraft}
 

@@ -18,6 +18,7 @@ from rl.missions.landing.marker import Look
 from rl.perception.due import Due
 from taichi_sim.conventions import HEADING, PITCH, ROLL
 from taichi_sim.fleet import Views
+from taichi_sim.memory import Remembers
 
 BLIND = 1.0  # s after which a look no longer says where the deck is; assumed
 JERK = 4.0  # m/s^3, of a decision; assumed
@@ -31,7 +32,7 @@ OLDEST = 3.0  # s: an older acceleration is not gone on with; assumed
 LAGS = (5, 10, 20)  # decisions: how long ago vertical speeds were that are remembered
 
 
-class KnownDeck:
+class KnownDeck(Remembers):
     """Each aircraft's knowledge of its deck, a Kalman filter (see the module); every tensor is [env, aircraft, ...].
 
     Attributes:
@@ -41,26 +42,26 @@ class KnownDeck:
         past: [.., n] vertical speed of the deck, n decisions back. mean: [.., 3] mean velocity of the deck, none down.
     """
 
-    STATE = (
-        "to", "velocity", "acceleration", "attitude", "rates", "seen", "heard", "past", "mean", "_own", "_covariance",
-    )  # fmt: skip
-
     def __init__(self, like: Tensor, interval: float):
         """Make filters for the aircraft of `like` [env, aircraft, n], updated every `interval` s."""
         self.interval = interval
-        self.to, self.velocity, self.acceleration, self.attitude, self.rates = (like[..., :3] * 0.0 for _ in range(5))
-        self.seen, self.heard = (like.new_zeros(like.shape[:2]) for _ in range(2))
-        self.past = like.new_zeros((*like.shape[:2], max(LAGS) + 1))
+        self.to, self.velocity, self.acceleration, self.attitude, self.rates = (
+            self.remember(like[..., :3] * 0.0) for _ in range(5)
+        )
+        self.seen, self.heard = (self.remember(like.new_zeros(like.shape[:2])) for _ in range(2))
+        self.past = self.remember(like.new_zeros((*like.shape[:2], max(LAGS) + 1)))
         dt, w = interval, SWING**2
-        self.mean, self._own = like[..., :3] * 0.0, like[..., :3] * 0.0  # of the deck; own, a decision ago; m/s
+        # of the deck; own, a decision ago; m/s
+        self.mean, self._own = (self.remember(like[..., :3] * 0.0) for _ in range(2))
         self._level = like.new_tensor((1.0, 1.0, 0.0))
         step = ((1.0, dt - w * dt**3 / 6, dt * dt / 2), (0.0, 1.0 - w * dt * dt / 2, dt), (0.0, -w * dt, 1.0))
         self._step = like.new_tensor(step).expand(*like.shape[:2], 3, 3)  # one each: else rounding depends on how many
         jerk = JERK * like.new_tensor((dt**3 / 6, dt * dt / 2, dt))
-        self._noise = torch.outer(jerk, jerk)
-        self._noise[0, 0] += (OWN_NOISE * dt) ** 2
+        noise = torch.outer(jerk, jerk)
+        noise[0, 0] += (OWN_NOISE * dt) ** 2
+        self._noise = noise
         self._begun = like.new_tensor((FROM_RADIO, V_TOLD, BEGUN)).square().diag()
-        self._covariance = self._begun.expand(*like.shape[:2], 3, 3).clone()  # of d, v and a
+        self._covariance = self.remember(self._begun.expand(*like.shape[:2], 3, 3).clone())  # of d, v and a
 
     def measure(self, due: Due, own: Views, look: Look, heard: Tensor) -> None:
         """Update the filter in the environments that are `due`.

@@ -102,8 +102,6 @@ class Landing(Mission[LandingScenario, BoatTeam | SensingAircraft]):
         hs: [env] significant wave height, m. radio: between boats and aircraft, boats first.
     """
 
-    STATE = ("boats", "hs", "radio")
-
     Config = LandingScenario
     Judge = LandingJudge
 
@@ -141,11 +139,11 @@ class Landing(Mission[LandingScenario, BoatTeam | SensingAircraft]):
                     "of the mission; give any other a script"
                 )
         self._hs = torch.as_tensor(self.world.sea.components.hs).to(run.device, run.torch_dtype)
-        self.hs = torch.zeros(self.num_envs, device=run.device, dtype=run.torch_dtype)
-        self.boats = Boats(fleets[parts.boats], self.steps, self.config, manned=self.manned)
+        self.hs = self.remember(torch.zeros(self.num_envs, device=run.device, dtype=run.torch_dtype))
+        self.boats = self.remember(Boats(fleets[parts.boats], self.steps, self.config, manned=self.manned))
         craft = self.boats.fleet.count + (fleets[parts.aircraft].count if parts.aircraft in names else 0)
-        self._place = self.boats.fleet.state.new_zeros((self.num_envs, craft, 3))
-        self.radio = Radio(self.config.radio, self._place, self.config.decision_interval, width=MESSAGE)
+        self._place = self.scratch(self.boats.fleet.state.new_zeros((self.num_envs, craft, 3)))
+        self.radio = self.remember(Radio(self.config.radio, self._place, self.config.decision_interval, width=MESSAGE))
         self.aircraft, teams = None, {}
         if self.manned:
             teams[parts.boats] = BoatTeam(self, parts.boats, self.boats)

@@ -30,6 +30,7 @@ from rl.perception.instruments import Readings
 from taichi_sim.conventions import BELOW, DOWN, GRAVITY
 from taichi_sim.fleet import Views
 from taichi_sim.forecast import Autoregression
+from taichi_sim.memory import Remembers
 from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
 
 MEAN = 8.0  # s, over which "descend" averages the deck's velocity and height; assumed
@@ -79,7 +80,7 @@ class Piloted(Protocol):
         ...
 
 
-class Pilot:
+class Pilot(Remembers):
     """Flies the aircraft of a team (see the module); every tensor is [env, aircraft, ...].
 
     Attributes:
@@ -90,16 +91,14 @@ class Pilot:
         model, ahead: of the deck's vertical speed, and its forecast [.., n] (m/s); `forecast` alone.
     """
 
-    STATE = ("height", "velocity", "lean", "before", "ready", "down", "waiting", "asked", "model", "ahead")
-
     def __init__(self, config: PilotConfig, like: Tensor, interval: float):
         """Make the pilot for the aircraft of `like` [env, aircraft, n], which decides every `interval` s."""
         self.config, self.interval = config, interval
-        self.height, self.ready, self.waiting = (like.new_zeros(like.shape[:2]) for _ in range(3))
-        self.velocity, self.lean, self.before = (torch.zeros_like(like[..., :3]) for _ in range(3))
-        self.down = torch.zeros_like(self.height, dtype=torch.bool)
-        self.asked = torch.full((len(like),), -1, dtype=torch.int64, device=like.device)
-        self.model = self.ahead = None
+        self.height, self.ready, self.waiting = (self.remember(like.new_zeros(like.shape[:2])) for _ in range(3))
+        self.velocity, self.lean, self.before = (self.remember(torch.zeros_like(like[..., :3])) for _ in range(3))
+        self.down = self.remember(torch.zeros_like(self.height, dtype=torch.bool))
+        self.asked = self.remember(torch.full((len(like),), -1, dtype=torch.int64, device=like.device))
+        self.model, self.ahead = self.remember(None), self.remember(None)
         if config.kind == "forecast":
             self.model = Autoregression(self.height, ORDER)
             takes = math.log(1 + config.steep * config.wait / config.sink) / config.steep  # s, to come down

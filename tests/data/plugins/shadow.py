@@ -25,14 +25,12 @@ class ShadowScenario(Scenario):
 class Follower(Team):
     """What both teams have in common; `truth` writes `error` [env, vehicle, 2 or 3], to the place to be at, m."""
 
-    STATE = ("error",)
-
     logged = ("error_m",)
 
     def __init__(self, mission: Any, name: str):
         """Begin without an error."""
         super().__init__(mission, name)
-        self.error = torch.zeros_like(self.fleet.position_n)
+        self.error = self.remember(torch.zeros_like(self.fleet.position_n))
 
     def observe(self) -> dict[str, Tensor]:
         """The way to go, and the own motion."""
