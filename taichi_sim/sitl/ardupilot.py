@@ -146,10 +146,10 @@ class Session:
         self.counts.frames += 1
         sensors = self.craft.sensors()
         self.answer = encode(sensors)
+        self._unjudged &= self.craft.held or self.craft.model.medium == "water"  # what has flown had its outputs
         if self._unjudged and self.craft.time > AT_REST:
             self._unjudged = False
-            if self.craft.held or self.craft.model.medium == "water":
-                self.craft.news += self.craft.mixer.strange(servos.pwm)
+            self.craft.news += self.craft.mixer.strange(servos.pwm)
         for seen in self.seen:
             seen(servos, sensors)
         self._heard = self._answered = self.clock()
@@ -165,4 +165,7 @@ class Session:
         if ip_address(sender[0]) != ip_address(self.peer[0]) or servos.frame != 0:
             raise PacketError(told)
         if self.clock() - self._heard < ALIVE:
-            raise PacketError(f"{told}: a second autopilot needs a port of its own (--instances 2; -I 1 there)")
+            raise PacketError(
+                f"{told}: a second autopilot needs a port of its own (--instances 2; -I 1 there); a restarted one is let "
+                f"in once the last one has been silent for {ALIVE:g} s"
+            )
