@@ -11,6 +11,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from taichi_sim.conventions import GRAVITY
+
 Wire = Callable[[bytes], bytes | None]  # what comes back for a packet; None: nothing
 RESEND = 1.0  # s
 
@@ -120,3 +122,42 @@ class PacedPeer(Peer):
             self.exact = np.float32(1.0 / length)
         self.exact = min(max(self.target, self.exact - np.float32(1.0)), self.exact + np.float32(1.0))
         return answer
+
+
+class Copter:
+    """The outputs of a copter's autopilot: a position is held by tilt, attitude by rates, rotors by their allocation.
+
+    Attributes:
+        goal: north, east, down, m.
+    """
+
+    POSITION, VELOCITY, ATTITUDE, RATE = 2.25, 3.0, 64.0, 16.0  # 1/s^2, 1/s, 1/s^2, 1/s
+    YAW = 4.0, 4.0  # 1/s^2, 1/s
+    MOST = 4.0, 0.7  # m/s^2 to the side; m/s of climb or descent
+    IDLE = 1000  # us
+
+    def __init__(self, craft):
+        """Take the numbers of a multirotor file."""
+        rotors, body, rotor = craft.rotors, craft.physical, craft.rotor
+        self.mass, self.inertia, self.rotor, self.goal = body.mass, np.diag(body.inertia), rotor, np.zeros(3)
+        arms = np.array([np.subtract(r.position, body.cg) for r in rotors])
+        turn = np.array([1.0 if r.spin == "ccw" else -1.0 for r in rotors]) * rotor.k_m / rotor.k_f
+        self.shares = np.linalg.inv(np.array([np.ones(len(rotors)), -arms[:, 1], arms[:, 0], turn]))
+
+    def outputs(self, answer: dict) -> list[int]:
+        """Pulse widths for the state in an answer."""
+        p, v, (roll, pitch, yaw) = (np.array(answer[key]) for key in ("position", "velocity", "attitude"))
+        away = self.goal - p
+        away[2] = np.clip(away[2], -1.0, 1.0) * self.MOST[1] * self.VELOCITY / self.POSITION
+        a = self.POSITION * away - self.VELOCITY * v
+        a[:2] = np.clip(a[:2], -self.MOST[0], self.MOST[0])
+        ahead, right = np.cos(yaw) * a[0] + np.sin(yaw) * a[1], -np.sin(yaw) * a[0] + np.cos(yaw) * a[1]
+        lift = GRAVITY - a[2]
+        errors = np.arctan2(right, lift) - roll, np.arctan2(-ahead, lift) - pitch, -yaw
+        gains = ((self.ATTITUDE, self.RATE),) * 2 + (self.YAW,)
+        moments = [j * (k * e - d * w) for j, (k, d), e, w in zip(
+            self.inertia, gains, errors, answer["imu"]["gyro"], strict=True)]  # fmt: skip
+        thrusts = self.shares @ [self.mass * lift / (np.cos(roll) * np.cos(pitch)), *moments]
+        speeds = np.sqrt(np.clip(thrusts, 0.0, None) / self.rotor.k_f)
+        shares = (speeds - self.rotor.omega_min) / (self.rotor.omega_max - self.rotor.omega_min)
+        return [round(1000 + 1000 * float(x)) for x in np.clip(shares, 0.0, 1.0)]

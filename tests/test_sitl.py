@@ -13,7 +13,7 @@ import time
 import numpy as np
 import pytest
 import torch
-from sitl_peer import Clock, PacedPeer, Peer
+from sitl_peer import Clock, Copter, PacedPeer, Peer
 from test_recording import column
 
 from taichi_sim.config import AirConfig, ConfigError, GustConfig, SeaConfig
@@ -252,47 +252,69 @@ def test_a_multirotor_stands_until_its_rotors_lift_it(copter):
     assert rolled["imu"]["gyro"][0] > 0.1 and rolled["imu"]["gyro"][1] > 0.1
 
 
-def _felt(answers, rate):
-    """Changes of velocity [frame, 3] (n) that gravity and the felt specific forces (means over a frame) make."""
+def _felt(answers, lengths):
+    """Changes of velocity [frame, 3] (n) that gravity and the felt specific forces make in frames of `lengths`, s."""
     force, q = (np.array([pick(a) for a in answers]) for pick in (
         lambda a: a["imu"]["accel_body"], lambda a: a["quaternion"]))  # fmt: skip
     R = np.array([numpy_rotation_matrix(x) for x in q])
-    return (np.einsum("nij,nj->ni", R, force) + [0.0, 0.0, GRAVITY]) / rate
+    return (np.einsum("nij,nj->ni", R, force) + [0.0, 0.0, GRAVITY]) * np.reshape(lengths, (-1, 1))
 
 
 SLOWLY = pytest.mark.slow
+SLOW_RATES = ((1200, 1200), (250, 250), (1200, 400))
 
 
-@pytest.mark.parametrize("rate", [pytest.param(250, marks=SLOWLY), 400, pytest.param(1200, marks=SLOWLY)])
-def test_a_multirotor_takes_off_hovers_lands_and_takes_off_again(copter, rate):
-    """All rotors by one proportional law of height and climb. The IMU feels the touchdown, and then stands still."""
+@pytest.mark.parametrize(("start", "target"), [(400, 400), *(pytest.param(*r, marks=SLOWLY) for r in SLOW_RATES)])
+def test_a_multirotor_takes_off_hovers_lands_and_takes_off_again(copter, start, target):
+    """The IMU feels the touchdown, and then it stands still, while the frame rate is the autopilot's or on its way."""
     copter.news.clear()
-    session = Session(copter)
-    peer, answers = Peer(_wire(session), rate), []
+    peer, answers = PacedPeer(_wire(Session(copter)), start, target), []
+    pilot = Copter(copter.first.params)
 
     def fly(height, seconds):
-        for _ in range(round(seconds * rate)):
-            last = answers[-1] if answers else peer.step([1000] * 4)
-            climb = min(max(2.0 * (height + last["position"][2]), -0.6), 2.0)
-            thrust = 1.0 + (climb + last["velocity"][2]) / 2.0
-            speed = max(thrust, 0.0) ** 0.5 * copter.model.allocation.hover[0] / copter.model.plan.rotor.omega_max
-            answers.append(peer.step([round(1000 + 1000 * min(speed, 1.0))] * 4))
-        return answers[-1]
+        pilot.goal[2] = -height
+        begun = peer.stamps[-1]
+        while peer.stamps[-1] < begun + seconds:
+            answers.append(peer.step(pilot.outputs(answers[-1]) if answers else [1000] * 4))
+        return answers[-1]["position"][2]
 
-    up = fly(0.5, 2.0)
-    assert -up["position"][2] == pytest.approx(0.5, abs=0.1) and not copter.held
+    assert 0.3 < -fly(0.5, 2.2) < 0.55 and not copter.held
     fly(-1.0, 1.6)
-    for _ in range(rate // 5):
+    for _ in range(target // 5):
         down = peer.step([1000] * 4)
     assert copter.held and not copter.ended and down["velocity"] == [0.0, 0.0, 0.0]
     assert down["position"][2] == pytest.approx(0.0, abs=0.05)
     assert down["imu"]["accel_body"] == pytest.approx([0.0, 0.0, -GRAVITY], abs=1e-4)
     v = np.array([a["velocity"] for a in answers])
-    assert _felt(answers, rate)[1:] == pytest.approx(np.diff(v, axis=0), abs=1e-4)
+    lengths = np.diff(peer.stamps)[: len(answers)]
+    assert _felt(answers, lengths)[1:] == pytest.approx(np.diff(v, axis=0), abs=1e-4)
     assert max(-a["imu"]["accel_body"][2] for a in answers) < 2.5 * GRAVITY
-    fly(1.0, 0.5)
+    fly(1.0, 0.6)
     assert not copter.held
     assert [news.split(" at ")[0] for news in copter.news] == ["lifts off", "touches down", "lifts off"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rate", [400, 1200])
+def test_a_multirotor_flies_in_wind_turbulence_and_a_gust_and_lands(rate):
+    """10 m high, in 6 m/s of wind from the west at 10 m, turbulence, and a gust of 5 m/s from the south at 25 s."""
+    gust = GustConfig(amplitude=(5.0, 0.0, 0.0), start_time=25.0, rise_time=1.0)
+    craft = Craft("x500", air=AirConfig(speed=6.0, direction_deg=270.0, turbulence="dryden", gust=gust))
+    peer, pilot, answers = Peer(_wire(Session(craft)), rate), Copter(craft.first.params), []
+    last = peer.step([1000] * 4)
+    pilot.goal[:] = 0.0, 0.0, -10.0
+    while not (craft.held and last["timestamp"] > 1.0):
+        if last["timestamp"] > 30.0:
+            pilot.goal[2] = 1.0
+        answers.append(last := peer.step(pilot.outputs(last)))
+        assert last["timestamp"] < 60.0
+    t, place = (np.array([a[key] for a in answers]) for key in ("timestamp", "position"))
+    hovers = (t > 20.0) & (t < 30.0)
+    assert np.abs(place[hovers] - [0.0, 0.0, -10.0]).max() < 1.0
+    assert [news.split(" at ")[0] for news in craft.news] == ["lifts off", "touches down"]
+    for _ in range(rate // 2):
+        last = peer.step([1000] * 4)
+    assert last["velocity"] == [0.0, 0.0, 0.0] and np.abs(place[-1, :2]).max() < 1.0
 
 
 @pytest.mark.parametrize(("place", "ends"), [((0.0, 0.0, -51.0), "crashed"), ((200.0, 0.0, -1.0), "ditched")])
@@ -347,7 +369,7 @@ def test_an_aircraft_is_launched_within_a_second_that_the_imu_feels(plane, rate)
     launch = [peer.step([1500, 1500, 1700, 1500])] + [peer.step([1500, 1500, 1000, 1500]) for _ in range(rate)]
     assert launch[-1]["airspeed"] == pytest.approx(25.0, abs=0.1) and not plane.held
     v = np.array([a["velocity"] for a in launch])
-    assert _felt(launch, rate)[1:] == pytest.approx(np.diff(v, axis=0), abs=1e-5)
+    assert _felt(launch, 1 / rate)[1:] == pytest.approx(np.diff(v, axis=0), abs=1e-5)
     assert v[:, 0] == pytest.approx(v[-1, 0] * np.arange(rate + 1) / rate, abs=1e-3)
     assert launch[-1]["position"][0] == pytest.approx(0.5 * v[-1, 0], rel=1e-3)
     assert plane.news == ["is launched"]

@@ -11,24 +11,20 @@ Launch, touchdown and ditching are passages: velocity and attitude change at con
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from taichi_sim.bench import Bench
-from taichi_sim.config import AirConfig, SeaConfig
+from taichi_sim.config import AirConfig, SeaConfig, WorldConfig
 from taichi_sim.conventions import ANGULAR_VELOCITY, DOWN, GRAVITY, HORIZONTAL, QUATERNION, VELOCITY
-from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.rotation import numpy_rotation_matrix, torch_quaternion_from_euler
 from taichi_sim.sitl.channels import PWM, Mixer, changes_for, default_channels
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
-from taichi_sim.vehicle import Vehicle
+from taichi_sim.vehicle import Vehicle, Vehicles
 from taichi_sim.vehicles import Changes, load_vehicle
-
-if TYPE_CHECKING:
-    from taichi_sim.world import World
 
 LONGEST_STEP = 0.02  # s, longest physics step; frames below 50 Hz have several
 SHORT = 1e-3  # s, a step that is stable for every vehicle
@@ -140,6 +136,7 @@ class Craft:
         """
         self.vehicle, self.changes = vehicle, dict(changes or {})
         self.sea, self.air, self.heading, self.seed, self.pwm = sea, air, heading, seed, pwm
+        self.config = WorldConfig(sea=sea or SeaConfig(), air=air or AirConfig())
         first = load_vehicle(vehicle, SHORT, 1, **self.changes)
         for section, values in changes_for(first).items():
             self.changes[section] = values | self.changes.get(section, {}) | values
@@ -288,11 +285,11 @@ class Craft:
 
     def _meets_water(self) -> bool:
         """Whether an aircraft touches the water, as its model judges it."""
-        found = self.model.endings(self.bench.fleet, cast("World", self))
+        found = self.model.endings(self.bench.fleet, self)
         return any(bool(found[name].any()) for name in WET if name in found)
 
-    def elevation_below(self, team: Fleet, height: Tensor) -> Tensor:
-        """Elevation (m, up) of the sea below each vehicle of `team`, as `World.elevation_below` has it."""
+    def elevation_below(self, team: Vehicles, height: Tensor) -> Tensor:
+        """Elevation (m, up) of the sea under each vehicle of `team`: a craft is the `Waters` of its model's endings."""
         return self.bench.around.elevation(team.position_n[..., HORIZONTAL])
 
     # -- measuring -------------------------------------------------------------------------------------------------
