@@ -166,6 +166,6 @@ class Session:
             raise PacketError(told)
         if self.clock() - self._heard < ALIVE:
             raise PacketError(
-                f"{told}: a second autopilot needs a port of its own (--instances 2; -I 1 there); a restarted one is let "
-                f"in once the last one has been silent for {ALIVE:g} s"
+                f"{told}: a second autopilot needs a port of its own (--instances 2; -I 1 there); a restarted one is "
+                f"let in once the last one has been silent for {ALIVE:g} s"
             )
