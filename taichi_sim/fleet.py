@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping
 from copy import copy
-from typing import Any
+from functools import cached_property
+from typing import Any, Generic, Protocol, TypeVar
 
 import torch
 from numpy.typing import ArrayLike
@@ -27,6 +28,7 @@ from taichi_sim.kernels import runtime
 from taichi_sim.kernels.lanes import filled, laned, width
 from taichi_sim.kernels.packs import FleetPack
 from taichi_sim.kernels.position import HALF_DIGIT
+from taichi_sim.kernels.rigid_body import Number
 from taichi_sim.kernels.rotation import (
     DERIVED_SIZE,
     DOWN,
@@ -39,12 +41,55 @@ from taichi_sim.kernels.rotation import (
 )
 from taichi_sim.kernels.runtime import Launcher
 from taichi_sim.memory import Remembers
-from taichi_sim.vehicle import Vehicle
 
 VEHICLE_STEP = 4e3  # ns, approximate time of a control step of one vehicle: more for hulls, less for others
 
 
-class Views(Remembers):
+class Model(Protocol):
+    """What a fleet asks of the model of its vehicles: names and sizes of tensors, and numbers that may vary.
+
+    The contract of a model is `Vehicle` (vehicle.py), which says what each of these is.
+    """
+
+    dt: float
+    action_names: tuple[str, ...]
+    aux_names: tuple[str, ...]
+    aux_size: int
+    varying: tuple[str, ...]
+    free_step: bool
+    longest_step: float
+
+    @cached_property
+    def nominal(self) -> dict[str, float]:
+        """The value in the vehicle file of each key in `varying`."""
+        ...
+
+    @cached_property
+    def constants(self) -> Any:
+        """`own` of these values."""
+        ...
+
+    def own(self, values: Mapping[str, Number]) -> Any:
+        """Numbers as the model uses them, by arithmetic on floats or tensors."""
+        ...
+
+    def numbers(self, vary: Tensor) -> Tensor:
+        """`own` [.., n] for the values [.., len(varying)]."""
+        ...
+
+    def with_numbers(self, values: Mapping[str, float]) -> Any:
+        """The vehicle file's parameters with other values; ValueError for one that the file could not hold."""
+        ...
+
+    def check_varies(self, key: str) -> None:
+        """ConfigError for a key that is not in `varying`."""
+        ...
+
+
+M = TypeVar("M", bound=Model, covariant=True)
+
+
+class Views(Remembers, Generic[M]):
     """Named views of a team's state and its derived quantities; they share memory with the tensors.
 
     Attributes:
@@ -54,7 +99,7 @@ class Views(Remembers):
         aux: [env, vehicle, n], the model's own state; `reading` names its columns.
     """
 
-    def __init__(self, model: Vehicle, state: Tensor, derived: Tensor, aux: Tensor):
+    def __init__(self, model: M, state: Tensor, derived: Tensor, aux: Tensor):
         """Take views of these tensors."""
         self.model = model
         self.state, self.derived, self.aux = map(self.remember, (state, derived, aux))
@@ -114,8 +159,10 @@ class Views(Remembers):
         return torch_euler_from_quaternion(self.quaternion_nb)
 
 
-class Fleet(Views):
+class Fleet(Views[M]):
     """Vehicles of one model in every environment; the views share memory with the tensors of the kernels.
+
+    The type parameter is the class of the model: the teams of a world are `Fleet[Vehicle]`.
 
     Attributes, besides those of `Views`:
         remainder: [env, vehicle, 3], what `state` cannot hold of the position, m: `position_exact` reads it.
@@ -129,7 +176,7 @@ class Fleet(Views):
         few: whether there are so few vehicles that kernels run on the calling thread only.
     """
 
-    def __init__(self, name: str, model: Vehicle, num_envs: int, count: int):
+    def __init__(self, name: str, model: M, num_envs: int, count: int):
         """Allocate `count` vehicles of `model` in each environment, at rest at the origin."""
         run = self._program = runtime.current()
         options: dict[str, Any] = {"dtype": run.torch_dtype, "device": run.device}
@@ -345,7 +392,7 @@ class Fleet(Views):
         self.give_numbers(vary, numbers, self._all)
 
     @property
-    def _stepped(self) -> Vehicle:
+    def _stepped(self) -> M:
         """The model with steps of `dt`, for its numbers."""
         if self.model.dt == self.dt:
             return self.model

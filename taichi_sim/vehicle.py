@@ -25,7 +25,7 @@ from collections import namedtuple
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Literal, Protocol, TypeAlias
+from typing import Annotated, Any, ClassVar, Literal, Protocol
 
 import numpy as np
 import torch
@@ -36,15 +36,14 @@ from torch import Tensor
 from taichi_sim.config import ConfigError, Strict, WorldConfig
 from taichi_sim.config.base import meant
 from taichi_sim.contact.parts import Deck, Legs
-from taichi_sim.contact.touch import Touch
 from taichi_sim.conventions import DOWN, ELEVATION, HORIZONTAL, QW, STATE_SIZE, SURGE
+from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import Build, struct_of
+from taichi_sim.kernels.rigid_body import Number
 from taichi_sim.surroundings import Surroundings
 
 Medium = Literal["water", "air"]
-Number: TypeAlias = float | Tensor
-"""A number of a vehicle file: one for all vehicles, or a tensor with one for each."""
 DEFAULT_STEP, LARGEST_STEP = 0.02, 0.1  # s, of a physics step
 
 
@@ -71,93 +70,12 @@ class Limits:
         return self.speeds[0] == 0.0
 
 
-class Vehicles(Protocol):
-    """What a model may use of the vehicles that it steps. A `Fleet` (fleet.py) is more, and describes each in full.
-
-    Attributes:
-        state: [env, vehicle, 13]. derived: [env, vehicle, 14]. aux: [env, vehicle, n] of the model. surface: [env,
-            vehicle, 2]. action: [env, vehicle, action]. never: bool [env, vehicle], false. touch: memory of contact,
-            None without decks. dt: physics step, s. few: kernels run on the calling thread only.
-    """
-
-    state: Tensor
-    derived: Tensor
-    aux: Tensor
-    surface: Tensor
-    action: Tensor
-    never: Tensor
-    touch: Touch | None
-    dt: float
-    few: bool
-
-    @property
-    def pack(self) -> Any:
-        """The FleetPack for kernels."""
-        ...
-
-    @property
-    def varied(self) -> bool:
-        """Whether vehicles have numbers of their own."""
-        ...
-
-    @property
-    def loaded(self) -> bool:
-        """Whether external loads are in use."""
-        ...
-
-    @property
-    def load(self) -> Tensor:
-        """External load [env, vehicle, 6], N and N m about the origin, in b."""
-        ...
-
-    @property
-    def numbers(self) -> Tensor | None:
-        """Each vehicle's numbers [env, vehicle, n]; None if all share those of the file."""
-        ...
-
-    @property
-    def own(self) -> Any:
-        """The numbers by name: floats, or tensors [env, vehicle]."""
-        ...
-
-    @property
-    def position_n(self) -> Tensor:
-        """Position [env, vehicle, 3], m."""
-        ...
-
-    @property
-    def velocity_b(self) -> Tensor:
-        """Velocity [env, vehicle, 3], m/s."""
-        ...
-
-    @property
-    def velocity_n(self) -> Tensor:
-        """Velocity [env, vehicle, 3], m/s, as of the last step."""
-        ...
-
-    def reading(self, name: str) -> Tensor:
-        """An instrument [env, vehicle], by its name in `Vehicle.aux_names`."""
-        ...
-
-    def move(self, way: Tensor) -> None:
-        """Move by `way` [env, vehicle, 3] (NED, m), for models in torch."""
-        ...
-
-    def launch(self, kernel: Any, *args: Any, plain: bool = False) -> None:
-        """Call a kernel of the model."""
-        ...
-
-    def update(self, envs: Tensor | None = None) -> None:
-        """Recompute `derived`, for models in torch."""
-        ...
-
-
 class Waters(Protocol):
     """What endings may ask of the world (world.py)."""
 
     config: WorldConfig
 
-    def elevation_below(self, team: Vehicles, height: Tensor) -> Tensor:
+    def elevation_below(self, team: Fleet, height: Tensor) -> Tensor:
         """Elevation (m, up) of the sea under each vehicle that flies at `height` [env, vehicle] (m)."""
         ...
 
@@ -284,7 +202,7 @@ class Vehicle:
 
     # -- moving ----------------------------------------------------------------------------------------------------
 
-    def step(self, fleet: Vehicles, around: Surroundings) -> None:
+    def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance `fleet` (fleet.py) by one control step, in place: state, derived, aux, surface.
 
         `fleet.action` [env, vehicle, action] holds the actions, finite and within [-1, 1]. Launch a kernel with
@@ -294,7 +212,7 @@ class Vehicle:
         """
         raise NotImplementedError(f"{type(self).__name__} has no step (taichi_sim/vehicle.py)")
 
-    def build(self, fleet: Vehicles, around: Surroundings) -> Build:
+    def build(self, fleet: Fleet, around: Surroundings) -> Build:
         """Compile-time choices of a kernel for `fleet` in these surroundings."""
         return Build(around.sea.shape[2], around.depth > 0, fleet.varied, fleet.loaded, serial=fleet.few)
 
@@ -340,7 +258,7 @@ class Vehicle:
             given.append(tensor.to(run.device, run.torch_dtype).contiguous())
         return self.equations(*given).double().cpu().numpy()
 
-    def mobility(self, fleet: Vehicles) -> Tensor:
+    def mobility(self, fleet: Fleet) -> Tensor:
         """Response to a load: W [env or 1, vehicle or 1, 6, 6], float64, symmetric, for the fleet's vehicles.
 
         d(accelerations in b) = W d(load about the origin, b); zero for motions that no load can cause. A model whose
@@ -352,18 +270,18 @@ class Vehicle:
         rates = self.rhs(still, np.zeros(len(self.control_names)), load=loads)[:, SURGE:]
         return torch.from_numpy((rates[1:] - rates[:1]).T.copy())[None, None]
 
-    def soles(self, fleet: Vehicles) -> Tensor:
+    def soles(self, fleet: Fleet) -> Tensor:
         """Soles of its legs [env or 1, vehicle or 1, leg, 3], float64, from the origin, b, m."""
         points = () if self.legs is None else self.legs.points
         return torch.tensor(points, dtype=torch.float64).view(1, 1, -1, 3)
 
     # -- ending ----------------------------------------------------------------------------------------------------
 
-    def endings(self, fleet: Vehicles, world: Waters) -> dict[str, Tensor]:
+    def endings(self, fleet: Fleet, world: Waters) -> dict[str, Tensor]:
         """Endings of vehicles of `fleet` in `world`, in any mission: each of `ending_names` -> bool [env, vehicle]."""
         return {}
 
-    def power(self, fleet: Vehicles) -> Tensor | None:
+    def power(self, fleet: Fleet) -> Tensor | None:
         """Propulsive power [env, vehicle] of the vehicles of `fleet` in the last step, W; None if the model does not
         compute it.
 

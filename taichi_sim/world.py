@@ -27,7 +27,7 @@ from taichi_sim.script import Script
 from taichi_sim.sea.current import Current
 from taichi_sim.state import Stateful, check_memory
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.vehicle import UnstableStepError, Vehicle, Vehicles
+from taichi_sim.vehicle import UnstableStepError, Vehicle
 from taichi_sim.vehicles import load_vehicle, step_of
 
 APART = 8.0  # collision radii between neighbours of a team that no mission has placed; assumed
@@ -100,7 +100,7 @@ class World(Stateful):
         self._phase = self.remember(self.sea.phases(self.env_sea, self.time))
         self._variation = self.remember(Variation(config, self.conditions, num_envs, self.seed))
         self.around = self.remember(self._surroundings(self.current.velocity, self.wind.velocity))
-        self.teams: dict[str, Fleet] = self.remember({})
+        self.teams: dict[str, Fleet[Vehicle]] = self.remember({})
         self.scripts: dict[str, Script] = self.remember({})
         self._felt: dict[str, tuple[Surroundings, float, float]] = self.remember({})
         self._few: dict[tuple[str, int], Surroundings] = self.scratch(
@@ -390,7 +390,7 @@ class World(Stateful):
         rows = rows.unsqueeze(1).expand(north.shape).reshape(-1).contiguous()
         return self.sea.elevation_at(points.reshape(-1, 2), rows, env_sea, phase).reshape(north.shape)
 
-    def elevation_below(self, team: Vehicles, height: torch.Tensor) -> torch.Tensor:
+    def elevation_below(self, team: Fleet, height: torch.Tensor) -> torch.Tensor:
         """Present elevation (m, up) under each vehicle of `team` that flies at `height` [env, vehicle] (m).
 
         For vehicles above any wave of this sea it is -inf and costs nothing.

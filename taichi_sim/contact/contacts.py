@@ -31,6 +31,7 @@ from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.kernels.runtime import Launcher
 from taichi_sim.memory import Remembers
 from taichi_sim.state import entries
+from taichi_sim.vehicle import Vehicle
 
 FRICTION_KEY = "deck.friction"  # may differ between environments if `Vehicle.varying` has it
 DEEPEST_START = 0.02  # m; a sole that begins deeper below a deck's plane is inside the deck, not on it; assumed
@@ -49,7 +50,7 @@ class Carriers:
         before: states at the beginning of a step, [env, vehicle, 13].
     """
 
-    def __init__(self, fleet: Fleet, deck: Deck, base: int):
+    def __init__(self, fleet: Fleet[Vehicle], deck: Deck, base: int):
         """Take a team whose vehicles all carry `deck`."""
         self.fleet, self.deck, self.base = fleet, deck, base
         self.before = torch.zeros_like(fleet.state)
@@ -90,11 +91,11 @@ class Contacts(Remembers):
         legged: name -> team with legs, if the world has a deck for them; each of these teams has a `Touch`.
     """
 
-    def __init__(self, teams: Mapping[str, Fleet], interval: float):
+    def __init__(self, teams: Mapping[str, Fleet[Vehicle]], interval: float):
         """Find the decks and legs of `teams`, whose control steps take `interval` (s)."""
         self.interval = interval
         self.carriers: list[Carriers] = []
-        self.legged: dict[str, Fleet] = {}
+        self.legged: dict[str, Fleet[Vehicle]] = {}
         self.placed: Tensor | None = self.remember(None)
         legged = {name: fleet for name, fleet in teams.items() if fleet.model.legs is not None}
         decks = {name: fleet for name, fleet in teams.items() if fleet.model.deck is not None and name not in legged}
@@ -116,7 +117,7 @@ class Contacts(Remembers):
         """Whether any contact is possible."""
         return bool(self.legged)
 
-    def ordered(self, teams: Mapping[str, Fleet]) -> list[str]:
+    def ordered(self, teams: Mapping[str, Fleet[Vehicle]]) -> list[str]:
         """Names of `teams` in the order in which they step: those with legs after their carriers."""
         return sorted(teams, key=lambda name: name in self.legged)
 
@@ -177,7 +178,7 @@ class Contacts(Remembers):
 
     # -- beginning -------------------------------------------------------------------------------------------------
 
-    def place(self, fleet: Fleet, envs: Tensor) -> None:
+    def place(self, fleet: Fleet[Vehicle], envs: Tensor) -> None:
         """Forget the contacts of a team whose vehicles were placed anew in environments `envs` [n]."""
         if self.placed is None:
             return
@@ -204,7 +205,7 @@ class Contacts(Remembers):
                     )
 
 
-def soles_in_deck(fleet: Fleet, carriers: Carriers, envs: Tensor) -> Tensor:
+def soles_in_deck(fleet: Fleet[Vehicle], carriers: Carriers, envs: Tensor) -> Tensor:
     """Depth [n, vehicle, carrier] (m) of the deepest sole below the plane of a deck and within its rectangle.
 
     It is 0 where no sole is below, or where the vehicle's centre of gravity is not above the plane.

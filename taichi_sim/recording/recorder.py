@@ -89,7 +89,7 @@ class Recorder:
         for name, team in self.world.teams.items():
             self._rows[name].append(self._row(team, None if actions is None else actions.get(name)))
 
-    def _row(self, team: Fleet, action: torch.Tensor | None) -> dict[str, Array]:
+    def _row(self, team: Fleet[Vehicle], action: torch.Tensor | None) -> dict[str, Array]:
         env = torch.tensor([self.env], device=team.state.device)
         place = team.position_n[env]
         values = {

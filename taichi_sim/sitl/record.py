@@ -16,6 +16,7 @@ from taichi_sim.recording.recorder import EpisodeParts
 from taichi_sim.sea import Sea
 from taichi_sim.sitl.craft import Craft, Sensors, Servos
 from taichi_sim.surroundings import Surroundings
+from taichi_sim.vehicle import Vehicle
 from taichi_sim.world import World
 
 RATE = 10.0  # largest number of recorded frames per second
@@ -36,7 +37,7 @@ class Stage:
         self.config = WorldConfig(name=self.name)
 
     @property
-    def teams(self) -> dict[str, Fleet]:
+    def teams(self) -> dict[str, Fleet[Vehicle]]:
         """The fleet of the one vehicle, by its name."""
         return {self.name: self.craft.bench.fleet}
 

@@ -4,8 +4,9 @@ from torch import Tensor
 
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import DOWN
+from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.rotation import WING_TILT
-from taichi_sim.vehicle import Vehicle, Vehicles, Waters
+from taichi_sim.vehicle import Vehicle, Waters
 
 LARGEST_STALL = 3.0  # s: a longer stall ends the episode; assumed
 STALL_TIME = "stall_time"  # the instrument that shows how long the wing has been stalled
@@ -21,7 +22,7 @@ class Aircraft(Vehicle):
     medium = "air"
     ending_names = ("crashed", "stalled")
 
-    def endings(self, fleet: Vehicles, world: Waters) -> dict[str, Tensor]:
+    def endings(self, fleet: Fleet, world: Waters) -> dict[str, Tensor]:
         """Endings [env, vehicle] of an episode.
 
         `crashed`: the lower wing tip, or the fuselage if that is lower, has touched the water, a crest included.

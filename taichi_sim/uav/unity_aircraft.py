@@ -29,6 +29,7 @@ from torch import Tensor
 
 from taichi_sim.config import NonNegative, Positive
 from taichi_sim.conventions import QUATERNION, SURGE
+from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, fast, lanes
 from taichi_sim.kernels.abreast import group, put, taken
 from taichi_sim.kernels.packs import Build, FleetPack, load_at, own_numbers
@@ -45,7 +46,7 @@ from taichi_sim.kernels.rotation import (
 from taichi_sim.kernels.runtime import array2
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav.aircraft import Aircraft
-from taichi_sim.vehicle import Limits, Number, VehicleParams, Vehicles
+from taichi_sim.vehicle import Limits, Number, VehicleParams
 
 DEG = 0.017453292519943295
 AUX = ("roll_increment", "pitch_increment", "yaw_increment", "roll", "pitch", "yaw")  # increments in [-1, 1]; rad
@@ -142,11 +143,11 @@ class UnityAircraft(Aircraft):
         aux[..., INCREMENT : INCREMENT + 3] = 0.0
         aux[..., ANGLE : ANGLE + 3] = torch_euler_from_quaternion(state[..., QUATERNION])
 
-    def build(self, fleet: Vehicles, around: Surroundings) -> Build:
+    def build(self, fleet: Fleet, around: Surroundings) -> Build:
         """What the kernel is compiled for; sea and air do not matter."""
         return Build(varied=fleet.varied, loaded=fleet.loaded, width=lanes.width(), serial=fleet.few)
 
-    def step(self, fleet: Vehicles, around: Surroundings) -> None:
+    def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance one control step."""
         with abreast.vectors():
             fleet.launch(self._step, fleet.pack, self.build(fleet, around))

@@ -38,6 +38,7 @@ from torch import Tensor
 
 from taichi_sim.config import Finite, NonNegative, Positive
 from taichi_sim.conventions import EAST, NORTH
+from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import fast
 from taichi_sim.kernels.abreast import taken, taken2
 from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, own_numbers
@@ -55,7 +56,7 @@ from taichi_sim.usv.plane import (
     write_state,
 )  # fmt: skip
 from taichi_sim.usv.vessel import Number, Vessel, steady_speed
-from taichi_sim.vehicle import Limits, UnstableStepError, VehicleParams, Vehicles
+from taichi_sim.vehicle import Limits, UnstableStepError, VehicleParams
 
 
 class Manoeuvring3dofParams(VehicleParams):
@@ -267,7 +268,7 @@ class Manoeuvring3dof(Vessel):
             **{name: values[name] for name in DAMPING},
         )
 
-    def step(self, fleet: Vehicles, around: Surroundings) -> None:
+    def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance by one control step."""
         fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))
 

@@ -52,6 +52,7 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from taichi_sim.conventions import AHEAD, EAST, NORTH
+from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import fast
 from taichi_sim.kernels.abreast import taken, taken2
 from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, own_numbers
@@ -71,7 +72,7 @@ from taichi_sim.usv.plane import (
     write_state,
 )  # fmt: skip
 from taichi_sim.usv.vessel import RHO_AIR, Vessel, wind_forces
-from taichi_sim.vehicle import Limits, Vehicles
+from taichi_sim.vehicle import Limits
 
 V_LIMIT = 0.40  # limit of |v'| in X_vvvv, beyond which it would push kvlcc2 ahead; assumed
 R_LIMIT = 2.0  # limit of |r'| in Y_rrr, N_rrr; assumed
@@ -346,7 +347,7 @@ class Mmg3Dof(Vessel):
         """Load arrow of the thrust, at the propeller."""
         return {"thrust": ((self.params.propeller.x * self.params.length, 0.0, 0.0), ("thrust", None, None))}
 
-    def power(self, fleet: Vehicles) -> Tensor:
+    def power(self, fleet: Fleet) -> Tensor:
         """Thrust times the speed ahead [env, vehicle], W."""
         return fleet.aux[..., THRUST] * fleet.velocity_b[..., AHEAD]
 
@@ -360,7 +361,7 @@ class Mmg3Dof(Vessel):
         """Compute the kernel's numbers from `values`."""
         return numbers_of(values, self.params, self.dt)
 
-    def step(self, fleet: Vehicles, around: Surroundings) -> None:
+    def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance by one control step."""
         fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))
 

@@ -31,6 +31,7 @@ from torch import Tensor
 
 from taichi_sim.config import Finite, NonNegative, Positive
 from taichi_sim.conventions import ELEVATION, GRAVITY, SURGE
+from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, lanes
 from taichi_sim.kernels.abreast import group, put, taken, taken2
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, own_numbers
@@ -41,7 +42,7 @@ from taichi_sim.kernels.runtime import array2
 from taichi_sim.sea import waves
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.vessel import Number, Vessel, steady_speed
-from taichi_sim.vehicle import Limits, VehicleParams, Vehicles
+from taichi_sim.vehicle import Limits, VehicleParams
 
 
 class UnityBoatParams(VehicleParams):
@@ -152,11 +153,11 @@ class UnityBoat(Vessel):
             damping=values["buoyancy_damping"],
         )
 
-    def build(self, fleet: Vehicles, around: Surroundings) -> Build:
+    def build(self, fleet: Fleet, around: Surroundings) -> Build:
         """What the kernel is compiled for."""
         return super().build(fleet, around)._replace(width=lanes.width())
 
-    def step(self, fleet: Vehicles, around: Surroundings) -> None:
+    def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance by one control step."""
         with abreast.vectors():
             fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))

@@ -12,9 +12,10 @@ from torch import Tensor
 
 from taichi_sim.config import NonNegative, Strict
 from taichi_sim.conventions import DOWN, ELEVATION
+from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.rigid_body import Number
 from taichi_sim.kernels.rotation import UPRIGHT
-from taichi_sim.vehicle import Vehicle, Vehicles, Waters
+from taichi_sim.vehicle import Vehicle, Waters
 
 __all__ = ["RHO_AIR", "Number", "Vessel", "Windage", "steady_speed", "wind_forces"]
 
@@ -59,7 +60,7 @@ class Vessel(Vehicle):
         """Lowest height of the deck above the origin, m; infinite for a vessel that cannot be swamped."""
         return math.inf
 
-    def endings(self, fleet: Vehicles, world: Waters) -> dict[str, Tensor]:
+    def endings(self, fleet: Fleet, world: Waters) -> dict[str, Tensor]:
         """Return the endings of each vehicle, bool [env, vehicle].
 
         Capsized: tilted beyond the angle of vanishing stability. Swamped: the mean surface under the hull is above the

@@ -19,6 +19,7 @@ import torch
 from torch import Tensor
 
 from taichi_sim.conventions import DOWN, GRAVITY
+from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, lanes
 from taichi_sim.kernels.abreast import group, put, some, taken, taken1, taken2
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, own_numbers
@@ -36,7 +37,7 @@ from taichi_sim.uav.fixed_wing.gains import gains, limits
 from taichi_sim.uav.fixed_wing.params import VARYING, FixedWingNumbers, FixedWingParams, aircraft_numbers
 from taichi_sim.uav.fixed_wing.trim import air_readings, largest_stable_dt, trim, trimmed
 from taichi_sim.uav.sampling import sampling
-from taichi_sim.vehicle import Limits, Number, UnstableStepError, Vehicles
+from taichi_sim.vehicle import Limits, Number, UnstableStepError
 
 AUX = (
     ("elevator", "aileron", "rudder", "throttle")
@@ -188,7 +189,7 @@ class FixedWing6DOF(Aircraft):
         radius = self.cruise.airspeed**2 / (GRAVITY * self.autopilot_limits.tan_bank)
         return Limits(self.autopilot_limits.speeds, radius)
 
-    def power(self, fleet: Vehicles) -> Tensor | None:
+    def power(self, fleet: Fleet) -> Tensor | None:
         """Propulsive power [env, vehicle], thrust times airspeed, W.
 
         Air and propeller are those of the vehicle file, times `gain` where that varies.
@@ -256,12 +257,12 @@ class FixedWing6DOF(Aircraft):
 
     # -- moving ----------------------------------------------------------------------------------------------------
 
-    def build(self, fleet: Vehicles, around: Surroundings) -> Build:
+    def build(self, fleet: Fleet, around: Surroundings) -> Build:
         """What the kernel is compiled for: the kind of air. The sea does not matter."""
         air = local_air.local_air(around.air, uneven=around.turbulence is not None)
         return Build(varied=fleet.varied, loaded=fleet.loaded, air=air, width=lanes.width(), serial=fleet.few)
 
-    def step(self, fleet: Vehicles, around: Surroundings) -> None:
+    def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance one control step."""
         with abreast.vectors():
             fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))

@@ -27,6 +27,7 @@ from taichi_sim.config import ConfigError
 from taichi_sim.contact import carrier
 from taichi_sim.contact.touch import SOLE_SIZE
 from taichi_sim.conventions import AMPLITUDE, DOWN
+from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, lanes
 from taichi_sim.kernels.abreast import group, put, some, taken, taken1, taken2
 from taichi_sim.kernels.lanes import is_laned, lane_of
@@ -46,7 +47,7 @@ from taichi_sim.uav.multirotor.params import MultirotorParams, multirotor_number
 from taichi_sim.uav.multirotor.params import gains as rotor_gains
 from taichi_sim.uav.multirotor.trim import largest_stable_dt, show, trim, trimmed
 from taichi_sim.uav.sampling import sampling
-from taichi_sim.vehicle import Limits, Number, UnstableStepError, Vehicle, Vehicles, Waters, edge
+from taichi_sim.vehicle import Limits, Number, UnstableStepError, Vehicle, Waters, edge
 
 LONGEST_OUTSIDE = 3.0  # s: a longer time outside the model's validity ends the episode; assumed
 NEWTON_ITERATIONS = 5  # for the point of the sea below; exact to rounding in real seas (waves.invert_label)
@@ -148,11 +149,11 @@ class Multirotor6DOF(Vehicle):
         """Surface of hub, arms, rotors' discs and legs: vertices [N, 3] (m, b) and triangles [F, 3]."""
         return body_surface(self.plan)
 
-    def power(self, fleet: Vehicles) -> Tensor | None:
+    def power(self, fleet: Fleet) -> Tensor | None:
         """Shaft power of the rotors [env, vehicle], torque times speed, W."""
         return fleet.reading("shaft_power")
 
-    def endings(self, fleet: Vehicles, world: Waters) -> dict[str, Tensor]:
+    def endings(self, fleet: Fleet, world: Waters) -> dict[str, Tensor]:
         """Endings [env, vehicle] of an episode.
 
         `ditched`: feet or rotors have touched the water, a crest included. `struck`: a rotor has touched a deck.
@@ -167,7 +168,7 @@ class Multirotor6DOF(Vehicle):
         ditched = height <= world.elevation_below(fleet, height)
         return {"ditched": ditched, "struck": struck, "outside_model": outside}
 
-    def soles(self, fleet: Vehicles) -> Tensor:
+    def soles(self, fleet: Fleet) -> Tensor:
         """Soles of the legs from each vehicle's own centre of gravity, m, b."""
         own = fleet.own
         cg = torch.stack([torch.as_tensor(x, dtype=torch.float64) for x in (own.cg_0, own.cg_1, own.cg_2)], dim=-1)
@@ -195,7 +196,7 @@ class Multirotor6DOF(Vehicle):
 
     # -- moving ----------------------------------------------------------------------------------------------------
 
-    def build(self, fleet: Vehicles, around: Surroundings) -> Build:
+    def build(self, fleet: Fleet, around: Surroundings) -> Build:
         """What the kernel is compiled for: the kind of air, and the sea if there is ground effect over it."""
         air = local_air.local_air(around.air, uneven=around.turbulence is not None)
         components = around.sea.shape[2] if self.p.ground_effect else 1
@@ -205,7 +206,7 @@ class Multirotor6DOF(Vehicle):
             width=1 if decked else lanes.width(), serial=fleet.few,
         )  # fmt: skip
 
-    def step(self, fleet: Vehicles, around: Surroundings) -> None:
+    def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance one control step."""
         if fleet.touch is None:
             with abreast.vectors():

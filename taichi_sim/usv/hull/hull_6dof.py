@@ -39,6 +39,7 @@ from torch import Tensor
 
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import EAST, ELEVATION, FREEBOARD, NORTH, QW
+from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken2
 from taichi_sim.kernels.lanes import laned, laned1, laned3, vectors
@@ -57,7 +58,7 @@ from taichi_sim.usv.hull.params import Hull6DofParams, hull_numbers, symmetric, 
 from taichi_sim.usv.hull.radiation import radiation_of
 from taichi_sim.usv.hull.thruster_set import ThrusterSet
 from taichi_sim.usv.vessel import Number, Vessel, steady_speed
-from taichi_sim.vehicle import Limits, UnstableStepError, Vehicles
+from taichi_sim.vehicle import Limits, UnstableStepError
 
 __all__ = ["Hull6Dof", "Hull6DofParams"]
 
@@ -165,7 +166,7 @@ class Hull6Dof(Vessel):
         params = super().with_numbers(values)
         return params.model_copy(update={"rigid_body": self.params.rigid_body.changed(params.rigid_body)})
 
-    def mobility(self, fleet: Vehicles) -> Tensor:
+    def mobility(self, fleet: Fleet) -> Tensor:
         """Inverse [6, 6] of rigid-body inertia plus instantaneous added mass, from each vehicle's numbers."""
         one = fleet.state.new_ones(fleet.state.shape[:2] if fleet.varied else (1, 1)).double()
         rows = symmetric(fleet.own, "inverse")
@@ -195,7 +196,7 @@ class Hull6Dof(Vessel):
         """Return the actions of a helmsman (thruster_set.py, mmg_drive.py); None for single thrusters."""
         return self.thrusters.steer(ahead, helm)
 
-    def power(self, fleet: Vehicles) -> Tensor | None:
+    def power(self, fleet: Fleet) -> Tensor | None:
         """Power of the thrusters, [env, vehicle], W; None without thrusters."""
         return self.thrusters.power(fleet)
 
@@ -329,7 +330,7 @@ class Hull6Dof(Vessel):
             packs[dt] = runtime.pack(TablesPack, **tables, filters=self.radiation.filter_table(dt))
         return packs[dt]
 
-    def step(self, fleet: Vehicles, around: Surroundings) -> None:
+    def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance by one control step."""
         with vectors():
             fleet.launch(self._step, fleet.pack, around.pack, self.tables(around, fleet.dt), self.build(fleet, around))

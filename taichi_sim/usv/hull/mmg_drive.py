@@ -27,12 +27,12 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from taichi_sim.conventions import AHEAD
+from taichi_sim.fleet import Fleet
 from taichi_sim.usv.hull.thruster_set import Arrow
 from taichi_sim.usv.hull.thruster_set import controls_at as controls_at
 from taichi_sim.usv.hull.thrusters import Thruster
 from taichi_sim.usv.mmg import followed, hull_load, rudder_load, thrust
 from taichi_sim.usv.mmg_params import MmgSection
-from taichi_sim.vehicle import Vehicles
 
 
 class MmgDrive:
@@ -89,7 +89,7 @@ class MmgDrive:
             found[name] = ((p.x * L, y, p.z), (name, None, None))
         return found
 
-    def power(self, fleet: Vehicles) -> Tensor:
+    def power(self, fleet: Fleet) -> Tensor:
         """Thrusts times the speed ahead, [env, vehicle], W."""
         thrusts = fleet.aux[..., self.first_thrust : self.first_thrust + len(self)]
         return thrusts.sum(-1) * fleet.velocity_b[..., AHEAD]

@@ -33,10 +33,10 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from taichi_sim.conventions import AHEAD
+from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.abreast import taken
 from taichi_sim.usv.hull.params import Hull6DofParams, vector
 from taichi_sim.usv.hull.thrusters import Thruster
-from taichi_sim.vehicle import Vehicles
 
 # other actions have the thrusters' names
 ACTION_NAMES = {"surge_yaw": ("acceleration", "yaw"), "wrench": ("surge", "sway", "yaw")}
@@ -209,7 +209,7 @@ class ThrusterSet:
             found[name] = (t.position, columns)
         return found
 
-    def power(self, fleet: Vehicles) -> Tensor | None:
+    def power(self, fleet: Fleet) -> Tensor | None:
         """Sum of thrust times the hull's speed in its direction, [env, vehicle], W; None without thrusters."""
         if not self.thrusters:
             return None
