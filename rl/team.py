@@ -26,6 +26,7 @@ from taichi_sim.config import TeamConfig
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 from taichi_sim.memory import Remembers
+from taichi_sim.vehicle import Vehicle
 from taichi_sim.world import World
 
 S = TypeVar("S", bound=TeamConfig)
@@ -81,7 +82,7 @@ class Team(Remembers, Generic[M, S]):
         """Make team `name` of a mission whose world exists."""
         self.mission, self.name = mission, name
         self.section = cast(S, mission.config.teams[name])
-        self.fleet: Fleet = mission.world.teams[name]
+        self.fleet: Fleet[Vehicle] = mission.world.teams[name]
         self.action = self.remember(
             self.fleet.state.new_zeros((mission.num_envs, self.fleet.count, len(self.fleet.model.action_names)))
         )

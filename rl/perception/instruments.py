@@ -32,6 +32,7 @@ from taichi_sim.kernels.packs import struct_of, values_at
 from taichi_sim.kernels.random import INSTRUMENTS, normal6
 from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix, store
 from taichi_sim.kernels.runtime import array1, array3, whole1
+from taichi_sim.vehicle import Vehicle
 
 READ = 250.0  # ns of one vehicle, about
 EVERYBODY = 1 << 20  # number, among the random numbers, of errors that all vehicles of an environment share
@@ -242,14 +243,14 @@ def _read(out: ReadPack, truth: TruthPack, which: whole1, draws: whole1, kind: t
                 read_air(out, e, i, g, z3, z1[5], R, v_n, form)
 
 
-class Readings(Views):
+class Readings(Views[Vehicle]):
     """State of a fleet as its vehicles measure it: views named as in a `Fleet`, which the next reading overwrites.
 
     Attributes:
         memory: [env, vehicle, 10], errors that last: walks and constants of an episode.
     """
 
-    def __init__(self, fleet: Fleet, config: InstrumentsConfig, interval: float, vehicles: int = 0):
+    def __init__(self, fleet: Fleet[Vehicle], config: InstrumentsConfig, interval: float, vehicles: int = 0):
         """Measure `fleet` every `interval` s; `vehicles` numbers its first vehicle among the random numbers."""
         super().__init__(fleet.model, *(x.clone() for x in (fleet.state, fleet.derived, fleet.aux)))
         self.fleet, self.count, self.num_envs = fleet, fleet.count, fleet.num_envs

@@ -22,6 +22,7 @@ from rl.missions.escort.config import ROOM, EscortScenario
 from taichi_sim.config import ConfigError
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.rotation import level_states
+from taichi_sim.vehicle import Vehicle
 
 PASSAGE = 12.0  # m between the surfaces of two obstacles; assumed
 TRIES = 30  # draws of an obstacle before it is left out
@@ -177,7 +178,7 @@ def afloat(boats: Fleet, place: Tensor, heading: Tensor, generator: torch.Genera
     return level_states(place.to(boats.state), heading.to(boats.state), speed)
 
 
-def aloft(aircraft: Fleet, down: Tensor, over: Tensor, generator: torch.Generator) -> Tensor:
+def aloft(aircraft: Fleet[Vehicle], down: Tensor, over: Tensor, generator: torch.Generator) -> Tensor:
     """Aircraft in steady flight over `over` [env, 2], side by side at `down` [aircraft], m, with a random heading."""
     count, like = aircraft.count, aircraft.state
     heading = (2 * math.pi * torch.rand((len(over), 1), generator=generator)).to(like).expand(-1, count)
@@ -188,7 +189,7 @@ def aloft(aircraft: Fleet, down: Tensor, over: Tensor, generator: torch.Generato
     return level_states(place, heading, aircraft.model.limits.speeds[1])
 
 
-def check_parts(config: EscortScenario, fleets: Mapping[str, Fleet]) -> None:
+def check_parts(config: EscortScenario, fleets: Mapping[str, Fleet[Vehicle]]) -> None:
     """Refuse teams whose vehicles cannot do their part.
 
     Raises:
@@ -211,7 +212,7 @@ def check_parts(config: EscortScenario, fleets: Mapping[str, Fleet]) -> None:
         _check_orbit(config, parts.aircraft, fleets[parts.aircraft])
 
 
-def _check_orbit(config: EscortScenario, name: str, fleet: Fleet) -> None:
+def _check_orbit(config: EscortScenario, name: str, fleet: Fleet[Vehicle]) -> None:
     """Refuse a circle that cannot be flown in the wind, or that is too small for so many."""
     orbit, limits, width = config.parts[name].orbit, fleet.model.limits, 2 * fleet.model.collision_radius
     around = 2 * math.pi * orbit.radius / fleet.count
@@ -237,7 +238,7 @@ def _check_orbit(config: EscortScenario, name: str, fleet: Fleet) -> None:
             )
 
 
-def warn_of_speeds(config: EscortScenario, boats: Fleet) -> None:
+def warn_of_speeds(config: EscortScenario, boats: Fleet[Vehicle]) -> None:
     """Warn where the vessel may outrun the boats, which is allowed."""
     top, fastest = boats.model.limits.speeds[2], config.course.speed[1]
     if fastest >= top:
@@ -248,7 +249,7 @@ def warn_of_speeds(config: EscortScenario, boats: Fleet) -> None:
         )
 
 
-def check_slots(config: EscortScenario, boats: Fleet, offsets: torch.Tensor, radius: float) -> None:
+def check_slots(config: EscortScenario, boats: Fleet[Vehicle], offsets: torch.Tensor, radius: float) -> None:
     """Refuse slots at `offsets` [boat, 2] (m) in which boats would touch the vessel, of that radius (m), or each other.
 
     Raises:

@@ -17,6 +17,7 @@ from rl.step import Endings
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.conventions import EAST, NORTH
 from taichi_sim.fleet import Fleet
+from taichi_sim.vehicle import Vehicle
 
 
 class TrackingReward(Strict):
@@ -63,7 +64,7 @@ class Keeper(Protocol):
 
     axes: int
     section: Any
-    fleet: Fleet
+    fleet: Fleet[Vehicle]
     action: Tensor
     previous_action: Tensor
     sensor: Sensor

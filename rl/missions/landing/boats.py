@@ -24,6 +24,7 @@ from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.rotation import torch_euler_from_rotation
 from taichi_sim.memory import Remembers
 from taichi_sim.script import Script
+from taichi_sim.vehicle import Vehicle
 from taichi_sim.world import World
 
 SMOOTH = 5.0  # s, over which the velocity of a deck is averaged, from which its swing counts; assumed
@@ -44,7 +45,7 @@ class Boats(Decks):
             and pitch as measured, averaged.
     """
 
-    def __init__(self, fleet: Fleet, steps: Tensor, config: LandingScenario, *, manned: bool):
+    def __init__(self, fleet: Fleet[Vehicle], steps: Tensor, config: LandingScenario, *, manned: bool):
         """Sail `fleet`; `steps` int64 [env] are the decisions since the episode began.
 
         Raises:

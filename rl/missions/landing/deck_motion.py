@@ -9,6 +9,7 @@ from taichi_sim.config import ConfigError
 from taichi_sim.conventions import BELOW
 from taichi_sim.fleet import Fleet, Views
 from taichi_sim.memory import Remembers
+from taichi_sim.vehicle import Vehicle
 
 
 class DeckMotion(NamedTuple):
@@ -47,7 +48,7 @@ class Decks(Remembers):
         fleet: the boats. centre: [3] middle of a deck, m, b. deck: its motion, as of the last `follow`.
     """
 
-    def __init__(self, fleet: Fleet):
+    def __init__(self, fleet: Fleet[Vehicle]):
         """Follow the decks of `fleet`.
 
         Raises:
