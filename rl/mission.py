@@ -120,7 +120,7 @@ class Mission(Stateful, Generic[C, T]):
 
         Args:
             config: a `Config`. num_envs: environments. seed: of the seas, of what `prepare` makes, of the episodes.
-            teams: those that take part besides scripted ones, which all do (taichi_sim/script.py); default all.
+            teams: those that take part besides scripted ones, which all do (taichi_sim/world.py); default all.
             source: the scenario's file, beside which vehicles are found.
         """
         num_envs, seed = whole_number(num_envs, "num_envs", 1), whole_number(seed, "seed")

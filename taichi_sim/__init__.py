@@ -29,7 +29,6 @@ _NAMES = {
     "taichi_sim.kernels.packs": "AroundPack Build FleetPack load_at numbers_at own_numbers",
     "taichi_sim.kernels.runtime": "ProgramError init",
     "taichi_sim.recording": "Episode Recorder write_recording",
-    "taichi_sim.script": "Script",
     "taichi_sim.sea": "Sea",
     "taichi_sim.sea.current": "Current",
     "taichi_sim.surroundings": "Surroundings",
@@ -37,7 +36,7 @@ _NAMES = {
     "taichi_sim.usv.vessel": "Vessel",
     "taichi_sim.vehicle": "Limits Vehicle",
     "taichi_sim.vehicles": "load_vehicle shipped_vehicles",
-    "taichi_sim.world": "World replay",
+    "taichi_sim.world": "Script World replay",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = sorted(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]

@@ -24,7 +24,6 @@ from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, numbers_at, own_numbers
 from taichi_sim.kernels.runtime import ProgramError, init
 from taichi_sim.recording import Episode, Recorder, write_recording
-from taichi_sim.script import Script
 from taichi_sim.sea import Sea
 from taichi_sim.sea.current import Current
 from taichi_sim.surroundings import Surroundings
@@ -32,7 +31,7 @@ from taichi_sim.uav.aircraft import Aircraft
 from taichi_sim.usv.vessel import Vessel
 from taichi_sim.vehicle import Limits, Vehicle
 from taichi_sim.vehicles import load_vehicle, shipped_vehicles
-from taichi_sim.world import World, replay
+from taichi_sim.world import Script, World, replay
 
 __version__: str
 __all__ = [

@@ -1,4 +1,9 @@
-"""The world: owns state, time and tables of all environments, and steps them."""
+"""The world: owns state, time and tables of all environments, and steps them.
+
+A team without a policy (traffic, a ferry, a drifting object) is commanded by a script. The team's section names it,
+`script = "module:Class"`; the module is searched like that of a plug-in (config/plugins.py). A mission simulates
+scripted teams, but neither trains nor judges them.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -21,9 +26,9 @@ from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import Noise
 from taichi_sim.kernels.rotation import DERIVED_SIZE
+from taichi_sim.memory import Remembers
 from taichi_sim.randomisation.conditions import realise
 from taichi_sim.randomisation.variation import Variation
-from taichi_sim.script import Script
 from taichi_sim.sea.current import Current
 from taichi_sim.state import Stateful, check_memory
 from taichi_sim.surroundings import Surroundings
@@ -32,6 +37,27 @@ from taichi_sim.vehicles import load_vehicle, step_of
 
 APART = 8.0  # collision radii between neighbours of a team that no mission has placed; assumed
 FEW = 32  # environments that are placed at once and whose surroundings are kept; assumed
+
+
+class Script(Remembers):
+    """Contract of a script, which commands the team `name` of a world.
+
+    State that it keeps between steps is saved and copied with the world; memory.py explains how.
+    """
+
+    def __init__(self, world: "World", name: str):
+        """Take a team that `world` has just added; later teams do not exist yet."""
+        self.name = name
+
+    def begin(self, world: "World", envs: torch.Tensor) -> None:
+        """Place the team's vehicles in environments `envs` [n], where an episode begins (`world.place`).
+
+        Sea, time, current and wind of these environments have been drawn. Default: the vehicles stay where they are.
+        """
+
+    def __call__(self, world: "World") -> ArrayLike | torch.Tensor:
+        """Actions [env, vehicle, action] in [-1, 1] for the coming step."""
+        raise NotImplementedError
 
 
 class World(Stateful):
@@ -43,7 +69,7 @@ class World(Stateful):
         time: float64 [env], s.
         program: the Taichi program in which it was made, and with which alone it works.
         teams: name -> Fleet, the simulated teams.
-        scripts: name -> script that acts for a team (script.py).
+        scripts: name -> script that acts for a team.
         conditions: conditions of each realisation (randomisation/conditions.py); `renew` gives them to environments.
         current, wind: those of each environment.
         around: surroundings at the surface, as of the last step.

@@ -90,7 +90,7 @@ def test_a_script_that_is_not_there_is_named(scenario, tmp_path):
         World(load_scenario(file), source=file)
     assert_says(str(caught.value), "pilot.script = 'traffic:Ferry'", "no module 'traffic'")
     (tmp_path / "traffic.py").write_text("def Ferry(world, name):\n    return None\n", encoding="utf-8")
-    with pytest.raises(ConfigError, match="derives from taichi_sim.script.Script"):
+    with pytest.raises(ConfigError, match="derives from taichi_sim.world.Script"):
         World(load_scenario(file), source=file)
 
 

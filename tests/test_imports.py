@@ -33,7 +33,7 @@ LAYERS = (
     ("taichi_sim.contact",),
     ("taichi_sim.usv", "taichi_sim.uav"),
     ("taichi_sim.vehicles",),
-    ("taichi_sim.dump", "taichi_sim.script"),
+    ("taichi_sim.dump",),
     ("taichi_sim.randomisation",),
     ("taichi_sim.world",),
     ("taichi_sim.bench", "taichi_sim.recording", "taichi_sim.hydro"),

@@ -6,8 +6,7 @@ import torch
 
 from taichi_sim.config import ConfigError
 from taichi_sim.dump import load_dump
-from taichi_sim.script import Script
-from taichi_sim.world import ActionError, World, replay
+from taichi_sim.world import ActionError, Script, World, replay
 
 ROOT = Path(__file__).resolve().parents[1]
 SMALL = ("sea.realisations=2", "sea.components=4", "usv.count=1", "uav.count=1")

@@ -82,7 +82,7 @@ class TeamConfig(Strict):
     count: Annotated[int, Field(ge=1, le=64)] = 3  # vehicles; number 0 leads, where a mission has a leader
     dt: Step | None = None  # its physics step, s; omitted: that of the vehicle file, if the scenario gives none
     medium: Literal["water", "air"] | None = None  # what the team is meant to move in: other vehicles are refused
-    script: Annotated[str, Field(min_length=1)] | None = None  # module:Class that acts for it (script.py)
+    script: Annotated[str, Field(min_length=1)] | None = None  # module:Class that acts for it (world.py)
     vary: Ranges = {}  # key of the vehicle's `varying` -> range; drawn for each vehicle and episode (vary.py)
 
 

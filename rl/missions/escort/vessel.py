@@ -23,7 +23,7 @@ from rl.perception.sensors import Mate, Nearby, Sensor
 from taichi_sim.config import ConfigError
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.rotation import level_states
-from taichi_sim.script import Scene, Script
+from taichi_sim.world import Script, World
 
 EDGE = 0.4  # of the area's side: further out it turns back
 SEEN, BOATS = 3, 2  # nearest obstacles and boats that it avoids
@@ -53,7 +53,7 @@ class Wanderer(Script):
     axes = 2
     radio = None
 
-    def __init__(self, world: Scene, name: str):
+    def __init__(self, world: World, name: str):
         """Command team `name`, of vessels whose classical controller follows velocity commands."""
         super().__init__(world, name)
         if not isinstance(world.config, EscortScenario):
@@ -130,7 +130,7 @@ class Wanderer(Script):
             )
         return state
 
-    def __call__(self, world: Scene) -> Tensor:
+    def __call__(self, world: World) -> Tensor:
         """Actions for this decision."""
         way, dt = self.config.course, self.config.decision_interval
         self._time += dt

@@ -23,9 +23,8 @@ from taichi_sim.conventions import AHEAD, DOWN, STARBOARD
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.rotation import torch_euler_from_rotation
 from taichi_sim.memory import Remembers
-from taichi_sim.script import Script
 from taichi_sim.vehicle import Vehicle
-from taichi_sim.world import World
+from taichi_sim.world import Script, World
 
 SMOOTH = 5.0  # s, over which the velocity of a deck is averaged, from which its swing counts; assumed
 QUICK = 0.3  # s, over which what the boat measures of its deck's acceleration is averaged; assumed

@@ -27,11 +27,10 @@ from taichi_sim.conventions import ANGULAR_VELOCITY, BELOW, DOWN, POSITION, QUAT
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.rotation import torch_euler_from_rotation, torch_rotation_matrix
 from taichi_sim.memory import Remembers
-from taichi_sim.script import Script
 from taichi_sim.state import transfer
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.vehicle import Vehicle
-from taichi_sim.world import World
+from taichi_sim.world import Script, World
 
 RAISED = 100.0  # m, by which the model is higher than the world: out of reach of the sea and of its ground effect
 MARGIN = 0.6  # limits of a touchdown in the model over those of the world; assumed

@@ -11,7 +11,7 @@ from rl.team import Endings, Team
 from taichi_sim.config import Positive
 from taichi_sim.conventions import POSITION, QUATERNION, STATE_SIZE
 from taichi_sim.fleet import Fleet
-from taichi_sim.script import Script
+from taichi_sim.world import Script
 
 APART = 20.0  # m between neighbours at the start
 
