@@ -20,10 +20,11 @@ from torch import Tensor
 from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig, SeaConfig, WorldConfig
 from taichi_sim.conventions import ANGULAR_VELOCITY, DOWN, GRAVITY, HORIZONTAL, QUATERNION, VELOCITY
+from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.rotation import numpy_rotation_matrix, torch_quaternion_from_euler
 from taichi_sim.sitl.channels import PWM, Mixer, changes_for, default_channels
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
-from taichi_sim.vehicle import Vehicle, Vehicles
+from taichi_sim.vehicle import Vehicle
 from taichi_sim.vehicles import Changes, load_vehicle
 
 LONGEST_STEP = 0.02  # s, longest physics step; frames below 50 Hz have several
@@ -288,7 +289,7 @@ class Craft:
         found = self.model.endings(self.bench.fleet, self)
         return any(bool(found[name].any()) for name in WET if name in found)
 
-    def elevation_below(self, team: Vehicles, height: Tensor) -> Tensor:
+    def elevation_below(self, team: Fleet, height: Tensor) -> Tensor:
         """Elevation (m, up) of the sea under each vehicle of `team`: a craft is the `Waters` of its model's endings."""
         return self.bench.around.elevation(team.position_n[..., HORIZONTAL])
 

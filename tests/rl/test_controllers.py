@@ -124,7 +124,7 @@ def test_avoids_an_obstacle_in_its_way(team, monkeypatch):
         put(task, team, torch.zeros(4, 1, 2))
         ahead = task.tracks.at(task.env_world, task.teams[team].targets.progress + 80.0)
         rest = torch.tensor([5.0, 90.0]).expand(4, 2)  # radius and height
-        task.obstacles = torch.cat((ahead.position, rest), dim=1).unsqueeze(1)
+        vars(task)["obstacles"] = torch.cat((ahead.position, rest), dim=1).unsqueeze(1)
         gap, _ = fly(task, team, 16.0)
         assert task.teams[team].distance.max() < 0.3
         return float(gap.min())

@@ -142,7 +142,7 @@ def rotated(task: Formation, angle: float) -> None:
     table[..., 2] += angle
     task.tracks = Tracks(table, tracks.length_m, tracks.checkpoints @ R, tracks.checkpoint_s)
     tracks.rows.copy_(task.tracks.rows)  # which targets move along
-    task.obstacles = torch.cat((task.obstacles[..., :2] @ R, task.obstacles[..., 2:]), dim=-1).contiguous()
+    vars(task)["obstacles"] = torch.cat((task.obstacles[..., :2] @ R, task.obstacles[..., 2:]), dim=-1).contiguous()
     zero = torch.zeros(())
     turn = torch_quaternion_from_euler(zero, zero, zero + angle)
     states = {}

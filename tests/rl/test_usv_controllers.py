@@ -252,7 +252,7 @@ def test_avoids_an_obstacle_in_its_way(vehicle, monkeypatch):
         put(task)
         ahead = task.tracks.at(task.env_world, task.teams["usv"].targets.progress + 40.0)
         rest = torch.tensor([3.0, 10.0]).expand(4, 2)  # radius and height
-        task.obstacles = torch.cat((ahead.position, rest), dim=1).unsqueeze(1).to(task.obstacles).contiguous()
+        vars(task)["obstacles"] = torch.cat((ahead.position, rest), dim=1).unsqueeze(1).to(task.obstacles).contiguous()
         distances, gaps = sail(task, 90.0)
         return gaps.amin(), distances[-1].max()
 
