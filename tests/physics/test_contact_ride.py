@@ -99,6 +99,7 @@ def test_it_rides_in_sea_state_5_and_does_not_creep(vehicle, seconds=3600.0):
     assert float(late[:, [0, 1, 3]].abs().max()) < 0.004
 
 
+@pytest.mark.slow  # one more world to compile
 def test_a_touchdown_is_restored_copied_and_forked_to_the_bit():
     """At the touch and while it rides: vehicles, what soles remember, what presses."""
 

@@ -16,12 +16,10 @@ WEAK = {
     "capacity_mah": 300.0, "full": 15.2, "empty": 14.0, "nominal": 14.8, "resistance": 0.05, "efficiency": 0.75,
 }  # fmt: skip
 CHANGES = {"x500": {"battery": WEAK}}
-SLOW = "otter", "wamv", "barge", "fpso", "kvlcc2_6dof", "kvlcc2", "otter_3dof", "zagi", "x500", "t650"
+SLOW = "aerosonde", "otter", "wamv", "barge", "fpso", "kvlcc2_6dof", "kvlcc2", "otter_3dof", "zagi", "x500", "t650"
 
 
-@pytest.mark.parametrize(
-    "vehicle", ["cybership2", "aerosonde", *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)]
-)
+@pytest.mark.parametrize("vehicle", ["cybership2", *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
 def test_half_the_step_makes_a_quarter_of_the_error(vehicle):
     setting = StepSetting(vehicle, seconds=6.0, envs=4, changes=CHANGES.get(vehicle, {}))
     found = np.array([error.total for error in errors(setting, STEPS, FINE)])

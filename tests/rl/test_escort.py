@@ -154,6 +154,7 @@ def test_scouts_tell_while_there_are_no_aircraft():
     assert float(mission.tracking.of("usv", mission.tracking.age).max()) < 3.0
 
 
+@pytest.mark.slow  # half a minute of sailing
 def test_boats_close_in_and_errors_are_of_the_truth():
     mission = escort(*CALM, "escort.start_distance=[30,40]", "course.speed=[1.0,1.0]", "course.turn_deg=0")
     mission.begin_each()

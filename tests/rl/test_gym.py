@@ -83,6 +83,7 @@ def test_gymnasiums_vector_wrappers_work() -> None:
     assert all(info["final_info"]["distance"].shape == (3,) for info in infos)
 
 
+@pytest.mark.slow  # a process of its own
 def test_a_module_in_the_id_is_all_that_needs_importing() -> None:
     """And no TimeLimit is wrapped around: the environment truncates itself."""
     code = (
