@@ -48,6 +48,20 @@ _WATCHED = (Tensor, *NUMBERS)
 class Remembers:
     """An object that says what it remembers; see the module."""
 
+    def __init_subclass__(cls) -> None:
+        """Refuse the lists of names by which classes once said what they remember.
+
+        Raises:
+            StateError: for a class with `STATE` or `SHARED`, which nobody reads.
+        """
+        super().__init_subclass__()
+        for name, method in (("STATE", Kind.OF_ENV), ("SHARED", Kind.SHARED)):
+            if name in vars(cls):
+                raise StateError(
+                    f"{cls.__name__}.{name} is read no more: declare each of its names where it is made, by "
+                    f"self.NAME = self.{method.value}(...) (docs/extending.md)"
+                )
+
     def remember(self, value: T) -> T:
         """Declare a value that differs between environments, to be assigned to an attribute."""
         return cast(T, _Declared(Kind.OF_ENV, value))
