@@ -145,10 +145,11 @@ class Team(Remembers, Generic[M, S]):
         Default: the team itself, which is the ground truth.
         """
         self.mission.perceive()
-        return self._known
+        return self.knowledge
 
     @property
-    def _known(self) -> Any:
+    def knowledge(self) -> Any:
+        """Where `known` lies, as it was when the vehicles last perceived; a team that measures overrides this."""
         return self
 
     def ended(self) -> Endings:

@@ -10,7 +10,6 @@ from rl.guidance.geometry import EAST, NORTH, SLOT_SIZE, TARGET_SIZE, SlotErrors
 from rl.guidance.observations import squashed
 from rl.guidance.residual import ResidualTeam
 from rl.missions.escort import rewards
-from rl.missions.escort.both import LOGGED, endings_of, log_of
 from rl.missions.escort.circling import (
     CIRCLE_SCALE,
     FAR_SCALE,
@@ -21,6 +20,7 @@ from rl.missions.escort.circling import (
     OrbitController,
     OrbitGains,
 )
+from rl.missions.escort.endings_and_logs import LOGGED, endings_of, log_of
 from rl.missions.escort.parts import Parts
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
 from rl.perception.contacts import TrackedContacts
@@ -96,7 +96,8 @@ class EscortAircraft(ResidualTeam):
         self.measured = self.remember(MeasuredAircraft(self, number, form))
 
     @property
-    def _known(self) -> "MeasuredAircraft":
+    def knowledge(self) -> "MeasuredAircraft":
+        """What is measured."""
         return self.measured
 
     def truth(self, due: Due) -> None:
@@ -125,7 +126,7 @@ class EscortAircraft(ResidualTeam):
         return endings_of(self, self.mission.config)
 
     def log(self, ended: Endings) -> dict[str, Tensor]:
-        """See both.py."""
+        """See endings_and_logs.py."""
         return log_of(self, ended, self.mission.arrived, self.mission.config)
 
     def info(self) -> dict[str, Tensor]:

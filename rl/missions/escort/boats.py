@@ -12,7 +12,7 @@ from rl.guidance.observations import ObservationWriter, squashed
 from rl.guidance.residual import ResidualTeam
 from rl.guidance.shapes import escort_offsets
 from rl.missions.escort import rewards
-from rl.missions.escort.both import LOGGED, endings_of, log_of
+from rl.missions.escort.endings_and_logs import LOGGED, endings_of, log_of
 from rl.missions.escort.parts import Parts
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
 from rl.perception.charted_contacts import ChartedContacts
@@ -95,7 +95,8 @@ class EscortBoats(ResidualTeam):
         self.target.table[:, 0] = torch.stack(target, dim=-1)
 
     @property
-    def _known(self) -> "MeasuredBoats":
+    def knowledge(self) -> "MeasuredBoats":
+        """What is measured."""
         return self.measured
 
     def truth(self, due: Due) -> None:
@@ -130,7 +131,7 @@ class EscortBoats(ResidualTeam):
         return endings_of(self, self.mission.config)
 
     def log(self, ended: Endings) -> dict[str, Tensor]:
-        """See both.py."""
+        """See endings_and_logs.py."""
         return log_of(self, ended, self.mission.arrived, self.mission.config)
 
     def info(self) -> dict[str, Tensor]:

@@ -81,7 +81,7 @@ class TeamTask(ResidualTeam):
         self.target = self.remember(Target(targets.table, self.now.slot[:, 0]))
         exact = config.radio is None and config.sensors.exact and config.sensors.scaled_contacts.exact
         self.measured = self.remember(None if exact else MeasuredFormation(self, down))
-        self.writer = ObservationWriter(self._known, config.observations, self.reference_width)
+        self.writer = ObservationWriter(self.knowledge, config.observations, self.reference_width)
         self._true = None if exact else ObservationWriter(self, config.observations, self.reference_width)
 
     @property
@@ -103,7 +103,8 @@ class TeamTask(ResidualTeam):
         return torch.cat(parts, dim=-1) if parts else None
 
     @property
-    def _known(self) -> Knowledge:
+    def knowledge(self) -> Knowledge:
+        """What is measured, or else the truth."""
         return self.measured or self
 
     def truth(self, due: Due) -> None:
