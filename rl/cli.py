@@ -237,12 +237,12 @@ def user_errors() -> tuple[type[Exception], ...]:
     from rl.learn.runner import DivergedError
     from rl.runs.folder import RunError
     from rl.team import ControllerError
-    from taichi_sim.arguments import ActionError
     from taichi_sim.config import ConfigError
+    from taichi_sim.config.arguments import ActionError
     from taichi_sim.config.base import MissingExtraError
-    from taichi_sim.film.files import FilmError
-    from taichi_sim.recording.ros import BagError
-    from taichi_sim.sea import SteepSeaError
+    from taichi_sim.surroundings.sea import SteepSeaError
+    from taichi_sim.visualisation.film.files import FilmError
+    from taichi_sim.visualisation.recording.ros import BagError
 
     of_files = ConfigError, RunError, CheckpointError, FilmError, BagError, MissingExtraError
     return *of_files, ControllerError, SteepSeaError, ActionError, DivergedError, NotFiniteError

@@ -11,8 +11,8 @@ import warnings
 import torch
 from torch import Tensor
 
-from taichi_sim.memory import Remembers
-from taichi_sim.state import Entry, Stateful, checked, restored, walk
+from taichi_sim.state.memory import Remembers
+from taichi_sim.state.snapshot import Entry, Stateful, checked, restored, walk
 from taichi_sim.world import World
 
 MANY, PARTS = 128, 16

@@ -12,9 +12,9 @@ from matplotlib.ticker import MaxNLocator
 from rl.judge import SHARES
 from rl.mission import Histories, History
 from taichi_sim.config.io import replacing
-from taichi_sim.plotting import INK, dress, log_where_spread, moving_mean, new_figure, rgb
-from taichi_sim.recording import Episode
-from taichi_sim.recording.palette import Livery
+from taichi_sim.visualisation.plotting import INK, dress, log_where_spread, moving_mean, new_figure, rgb
+from taichi_sim.visualisation.recording import Episode
+from taichi_sim.visualisation.recording.palette import Livery
 
 REWARD, LOSS = "reward_per_step", "policy_loss"
 ALWAYS = ("iteration", "agent_steps", "wall_time_s", REWARD, "measured")  # columns of checkups.csv that are no panels

@@ -36,14 +36,14 @@ from rl.perception.due import BEGINS, GOES_ON, Due
 from rl.scenario import Scenario, derive_seed
 from rl.step import COLLIDED, DIVERGED, Endings, Step
 from rl.team import ControllerError, Team
-from taichi_sim.arguments import Envs, environments, whole_number
+from taichi_sim.config.arguments import Envs, environments, whole_number
 from taichi_sim.config.base import number, span
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import Noise
 from taichi_sim.kernels.rotation import level_states
-from taichi_sim.recording.episode import Episode, Scene
-from taichi_sim.recording.overlays import Overlay
-from taichi_sim.state import Stateful
+from taichi_sim.state.snapshot import Stateful
+from taichi_sim.visualisation.recording.episode import Episode, Scene
+from taichi_sim.visualisation.recording.overlays import Overlay
 from taichi_sim.world import World
 
 __all__ = ["COLLIDED", "DIVERGED", "ControllerError", "Endings", "Frame", "Histories", "History", "Mission", "Step",
@@ -84,10 +84,10 @@ class Frame(NamedTuple):
     """Contents of a recording of one environment at one moment, besides its vehicles.
 
     Attributes:
-        teams: team -> fields of its `TeamTrack` (taichi_sim/recording/episode.py) without the time axis: target_n,
-            target_course, slot_n, error_m.
-        overlays: drawings (taichi_sim/recording/overlays.py), of one frame each, the same by name in every frame of an
-            episode.
+        teams: team -> fields of its `TeamTrack` (taichi_sim/visualisation/recording/episode.py) without the time axis:
+            target_n, target_course, slot_n, error_m.
+        overlays: drawings (taichi_sim/visualisation/recording/overlays.py), of one frame each, the same by name in
+            every frame of an episode.
     """
 
     teams: Mapping[str, Mapping[str, Tensor]] = MappingProxyType({})

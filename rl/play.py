@@ -65,8 +65,8 @@ def main(argv: list[str] | None = None) -> None:
     from rl.runs.folder import RunError
     from rl.runs.watch import episode_view, refuse_used
     from taichi_sim.config.io import refuse_unwritable
-    from taichi_sim.film.files import check_film, write_film
-    from taichi_sim.recording import Episode
+    from taichi_sim.visualisation.film.files import check_film, write_film
+    from taichi_sim.visualisation.recording import Episode
 
     output = output_of(args.out, args.origin, show_progress=not args.quiet)
     if args.beside and output.reader != "rerun":

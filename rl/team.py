@@ -25,7 +25,7 @@ from rl.step import COLLIDED, DIVERGED, Endings
 from taichi_sim.config import TeamConfig
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
-from taichi_sim.memory import Remembers
+from taichi_sim.state.memory import Remembers
 from taichi_sim.vehicle import Vehicle
 from taichi_sim.world import World
 

@@ -17,9 +17,9 @@ _os.environ.setdefault("GOMP_SPINCOUNT", "30000")
 __version__ = "0.1.0"
 
 _NAMES = {
-    "taichi_sim.air": "Wind",
-    "taichi_sim.arguments": "ActionError",
-    "taichi_sim.bench": "Bench calm_sea",
+    "taichi_sim.surroundings.air": "Wind",
+    "taichi_sim.config.arguments": "ActionError",
+    "taichi_sim.applications.bench": "Bench calm_sea",
     "taichi_sim.config": (
         "AirConfig ConfigError CurrentConfig Finite Fraction GustConfig NonNegative Positive Range SeaConfig "
         "Strict SwellConfig TeamConfig WorldConfig"
@@ -28,14 +28,14 @@ _NAMES = {
     "taichi_sim.fleet": "Fleet",
     "taichi_sim.kernels.packs": "AroundPack Build FleetPack load_at numbers_at own_numbers",
     "taichi_sim.kernels.runtime": "ProgramError init",
-    "taichi_sim.recording": "Episode Recorder write_recording",
-    "taichi_sim.sea": "Sea",
-    "taichi_sim.sea.current": "Current",
-    "taichi_sim.surroundings": "Surroundings",
-    "taichi_sim.uav.aircraft": "Aircraft",
-    "taichi_sim.usv.vessel": "Vessel",
+    "taichi_sim.visualisation.recording": "Episode Recorder write_recording",
+    "taichi_sim.surroundings.sea": "Sea",
+    "taichi_sim.surroundings.sea.current": "Current",
+    "taichi_sim.surroundings.around_vehicles": "Surroundings",
+    "taichi_sim.models.uav.aircraft": "Aircraft",
+    "taichi_sim.models.usv.vessel": "Vessel",
     "taichi_sim.vehicle": "Limits Vehicle",
-    "taichi_sim.vehicles": "load_vehicle shipped_vehicles",
+    "taichi_sim.models.catalogue": "load_vehicle shipped_vehicles",
     "taichi_sim.world": "Script World replay",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}

@@ -1,8 +1,6 @@
 """What type checkers see of taichi_sim/__init__.py."""
 
-from taichi_sim.air import Wind
-from taichi_sim.arguments import ActionError
-from taichi_sim.bench import Bench, calm_sea
+from taichi_sim.applications.bench import Bench, calm_sea
 from taichi_sim.config import (
     AirConfig,
     ConfigError,
@@ -19,18 +17,20 @@ from taichi_sim.config import (
     TeamConfig,
     WorldConfig,
 )
+from taichi_sim.config.arguments import ActionError
 from taichi_sim.config.io import load_world
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, numbers_at, own_numbers
 from taichi_sim.kernels.runtime import ProgramError, init
-from taichi_sim.recording import Episode, Recorder, write_recording
-from taichi_sim.sea import Sea
-from taichi_sim.sea.current import Current
-from taichi_sim.surroundings import Surroundings
-from taichi_sim.uav.aircraft import Aircraft
-from taichi_sim.usv.vessel import Vessel
+from taichi_sim.models.catalogue import load_vehicle, shipped_vehicles
+from taichi_sim.models.uav.aircraft import Aircraft
+from taichi_sim.models.usv.vessel import Vessel
+from taichi_sim.surroundings.air import Wind
+from taichi_sim.surroundings.around_vehicles import Surroundings
+from taichi_sim.surroundings.sea import Sea
+from taichi_sim.surroundings.sea.current import Current
 from taichi_sim.vehicle import Limits, Vehicle
-from taichi_sim.vehicles import load_vehicle, shipped_vehicles
+from taichi_sim.visualisation.recording import Episode, Recorder, write_recording
 from taichi_sim.world import Script, World, replay
 
 __version__: str

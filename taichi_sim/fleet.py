@@ -9,11 +9,11 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from taichi_sim.arguments import Envs, environments
 from taichi_sim.config import ConfigError
+from taichi_sim.config.arguments import Envs, environments
 from taichi_sim.config.base import number
-from taichi_sim.contact.touch import Touch
-from taichi_sim.conventions import (
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.conventions import (
     ANGULAR_VELOCITY,
     FREEBOARD,
     NO_DECK,
@@ -24,7 +24,6 @@ from taichi_sim.conventions import (
     SURFACE_SIZE,
     VELOCITY,
 )
-from taichi_sim.kernels import runtime
 from taichi_sim.kernels.lanes import filled, laned, width
 from taichi_sim.kernels.packs import FleetPack
 from taichi_sim.kernels.position import HALF_DIGIT
@@ -40,7 +39,8 @@ from taichi_sim.kernels.rotation import (
     torch_euler_from_quaternion,
 )
 from taichi_sim.kernels.runtime import Launcher
-from taichi_sim.memory import Remembers
+from taichi_sim.models.contact.touch import Touch
+from taichi_sim.state.memory import Remembers
 
 VEHICLE_STEP = 4e3  # ns, approximate time of a control step of one vehicle: more for hulls, less for others
 

@@ -1,6 +1,6 @@
 """The contract of a vehicle model: everything that World, missions, recordings and tools may ask of one.
 
-A vehicle file (configs/vehicles/*.toml) names its model: one of ours (vehicles.py), or a user's as `module:Class`. The
+A vehicle file (configs/vehicles/*.toml) names its model: one of ours (catalogue.py), or a user's as `module:Class`. The
 class derives from `Vehicle`, describes itself in class attributes, and defines at least `step` and `equations`.
 Defaults for everything else are below. A model holds numbers and kernels, never the state of a vehicle: one model
 serves any number of fleets (fleet.py), whose tensors it steps in place.
@@ -10,7 +10,7 @@ Frames and units: NED world n, forward-right-down body b, SI, radians (conventio
 A model's kernels take packs, not lists of tensors:
 
     fleet    FleetPack: state, derived, aux, surface, action, numbers, load of one team (fleet.py)
-    around   AroundPack: sea, phases, current, wind of one step (surroundings.py)
+    around   AroundPack: sea, phases, current, wind of one step (around_vehicles.py)
     build    Build: what the kernel is compiled for; read inside `ti.static` (packs.py)
 
 Numbers that differ between environments: `varying` names keys of the vehicle file, and `own` computes the kernel's
@@ -35,13 +35,13 @@ from torch import Tensor
 
 from taichi_sim.config import ConfigError, Strict, WorldConfig
 from taichi_sim.config.base import meant
-from taichi_sim.contact.parts import Deck, Legs
-from taichi_sim.conventions import DOWN, ELEVATION, HORIZONTAL, QW, STATE_SIZE, SURGE
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.conventions import DOWN, ELEVATION, HORIZONTAL, QW, STATE_SIZE, SURGE
 from taichi_sim.kernels.packs import Build, struct_of
 from taichi_sim.kernels.rigid_body import Number
-from taichi_sim.surroundings import Surroundings
+from taichi_sim.models.contact.parts import Deck, Legs
+from taichi_sim.surroundings.around_vehicles import Surroundings
 
 Medium = Literal["water", "air"]
 DEFAULT_STEP, LARGEST_STEP = 0.02, 0.1  # s, of a physics step

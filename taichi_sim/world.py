@@ -13,27 +13,27 @@ from typing import Self
 import torch
 from numpy.typing import ArrayLike
 
-from taichi_sim.air import Wind
-from taichi_sim.arguments import ActionError, Envs, checked_action, environments, whole_number
 from taichi_sim.config import ConfigError, WorldConfig
+from taichi_sim.config.arguments import ActionError, Envs, checked_action, environments, whole_number
 from taichi_sim.config.base import number, span
 from taichi_sim.config.io import find_config, load_world, vehicle_file
 from taichi_sim.config.plugins import load_class
-from taichi_sim.contact.contacts import Contacts
-from taichi_sim.conventions import EAST, STATE_SIZE, SURFACE_SIZE
-from taichi_sim.dump import Dump, save_dump
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.conventions import EAST, STATE_SIZE, SURFACE_SIZE
 from taichi_sim.kernels.random import Noise
 from taichi_sim.kernels.rotation import DERIVED_SIZE
-from taichi_sim.memory import Remembers
+from taichi_sim.models.catalogue import load_vehicle, step_of
+from taichi_sim.models.contact.contacts import Contacts
 from taichi_sim.randomisation.conditions import realise
 from taichi_sim.randomisation.variation import Variation
-from taichi_sim.sea.current import Current
-from taichi_sim.state import Stateful, check_memory
-from taichi_sim.surroundings import Surroundings
+from taichi_sim.state.dump import Dump, save_dump
+from taichi_sim.state.memory import Remembers
+from taichi_sim.state.snapshot import Stateful, check_memory
+from taichi_sim.surroundings.air import Wind
+from taichi_sim.surroundings.around_vehicles import Surroundings
+from taichi_sim.surroundings.sea.current import Current
 from taichi_sim.vehicle import UnstableStepError, Vehicle
-from taichi_sim.vehicles import load_vehicle, step_of
 
 APART = 8.0  # collision radii between neighbours of a team that no mission has placed; assumed
 FEW = 32  # environments that are placed at once and whose surroundings are kept; assumed

@@ -85,7 +85,7 @@ def server():
             "rl.train",
             "rl.evaluate",
             "rl.play",
-            "taichi_sim.plotting.page",
+            "taichi_sim.visualisation.plotting.page",
             "rl.guidance.controllers",
         ]
     )

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import torch
 
 from taichi_sim.config import Positive, Strict
-from taichi_sim.conventions import ANGULAR_VELOCITY, ELEVATION, POSITION, QUATERNION, VELOCITY
+from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, ELEVATION, POSITION, QUATERNION, VELOCITY
 from taichi_sim.kernels.rotation import torch_rotation_matrix
-from taichi_sim.usv.vessel import Vessel
+from taichi_sim.models.usv.vessel import Vessel
 
 
 class MyBoatParams(Strict):

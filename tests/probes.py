@@ -7,12 +7,12 @@ import numpy as np
 import taichi as ti
 import torch
 
-from taichi_sim.air.turbulence import STATES, dryden_advance, dryden_filter, dryden_output, dryden_sigma
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken2
 from taichi_sim.kernels.runtime import array1, array2, array3
-from taichi_sim.uav.multirotor import ground, rotors
-from taichi_sim.uav.multirotor.params import MultirotorParams, nominal_numbers
+from taichi_sim.models.uav.multirotor import ground, rotors
+from taichi_sim.models.uav.multirotor.params import MultirotorParams, nominal_numbers
+from taichi_sim.surroundings.air.turbulence import STATES, dryden_advance, dryden_filter, dryden_output, dryden_sigma
 
 
 @ti.func

@@ -7,8 +7,8 @@ from pathlib import Path
 import rerun.blueprint as rrb
 from rerun.chunk import RrdReader
 
-from taichi_sim.recording import Episode
-from taichi_sim.recording.blueprint import blueprint
+from taichi_sim.visualisation.recording import Episode
+from taichi_sim.visualisation.recording.blueprint import blueprint
 
 
 def entities(path: Path) -> set[str]:

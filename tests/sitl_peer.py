@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from taichi_sim.conventions import GRAVITY
+from taichi_sim.kernels.conventions import GRAVITY
 
 Wire = Callable[[bytes], bytes | None]  # what comes back for a packet; None: nothing
 RESEND = 1.0  # s

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim import state
-from taichi_sim.arguments import checked_action, environments, whole_number
+from taichi_sim.config.arguments import checked_action, environments, whole_number
+from taichi_sim.state import snapshot
 from taichi_sim.world import ActionError, World
 
 SMALL = ("sea.realisations=2", "sea.components=4", "usv.count=1")
@@ -105,7 +105,7 @@ def test_a_number_of_environments_is_whole_and_fits_into_memory(given):
 def test_memory_is_estimated_before_it_is_asked_for(monkeypatch):
     """The estimate is a multiple of the states' size, and no world is refused that one of its size has been given."""
     assert whole_number(np.int64(3), "num_envs", 1) == 3
-    monkeypatch.setattr(state, "_free_memory", lambda: 0.0)
+    monkeypatch.setattr(snapshot, "_free_memory", lambda: 0.0)
     with pytest.raises(ValueError, match=r"2 environments would take about 0\.0 GiB of memory; 0\.0 GiB are free"):
         World.from_scenario("paper", 2, overrides=SMALL)
 

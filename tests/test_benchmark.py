@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from rl import cli
-from taichi_sim.vehicles import MODELS
+from taichi_sim.models.catalogue import MODELS
 from tools.benchmarking.mission import Stopwatch, scenario_cases
 from tools.benchmarking.physics import measured_vehicles, shipped_vehicles
 from tools.benchmarking.timing import Case, measure

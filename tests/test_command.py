@@ -12,7 +12,7 @@ from rl.commands import main as command
 from rl.commands import starters
 from rl.missions import load_scenario
 from taichi_sim.config import ConfigError
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.models.catalogue import load_vehicle
 
 ROOT = Path(__file__).resolve().parents[1]
 FEW = ("--set", "stages.first.iterations=2", "--set", "evaluation.episodes=2", "--set", "episode_duration=5")

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from taichi_sim.config import ConfigError, WorldConfig
-from taichi_sim.conventions import GRAVITY
+from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.randomisation.conditions import TRUTH, bounds, nominal_conditions, realise
-from taichi_sim.sea import sea_size
-from taichi_sim.sea.wind_sea import developed_sea
+from taichi_sim.surroundings.sea import sea_size
+from taichi_sim.surroundings.sea.wind_sea import developed_sea
 
 pytestmark = pytest.mark.usefixtures("f64")
 ALL = {

@@ -5,7 +5,7 @@ from refusal import MINIMAL, assert_says, refusal
 
 from rl.missions import load_scenario
 from taichi_sim.config.io import config_folder, vehicle_file
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.models.catalogue import load_vehicle
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from rl.runs import folder
 from taichi_sim.config import SeaConfig
 from taichi_sim.config.io import load_world
 from taichi_sim.randomisation.conditions import realise
-from taichi_sim.sea import sea_size
+from taichi_sim.surroundings.sea import sea_size
 
 BUOY = Path(__file__).parent / "data" / "reference" / "buoys" / "41010.data_spec"
 TIME = '"2020-06-08 02:50"'

@@ -9,7 +9,7 @@ from rl.missions import load_scenario
 from rl.missions.formation.config import FormationScenario
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder, read_toml, validate, vehicle_file, write_toml
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.models.catalogue import load_vehicle
 from taichi_sim.world import World
 
 # -- vehicles --------------------------------------------------------------------------------------------

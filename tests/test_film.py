@@ -8,14 +8,14 @@ import pytest
 from PIL import Image
 from test_recording import make_episode
 
-from taichi_sim.film import FilmError, Picture, check_film, moment_of, write_film
-from taichi_sim.film.camera import FollowRig
-from taichi_sim.film.files import film_times
-from taichi_sim.film.moment import TRAIL_S
-from taichi_sim.film.picture import room_at_decks
-from taichi_sim.recording.episode import Platform
-from taichi_sim.recording.frames import euler
-from taichi_sim.recording.overlays import Lines
+from taichi_sim.visualisation.film import FilmError, Picture, check_film, moment_of, write_film
+from taichi_sim.visualisation.film.camera import FollowRig
+from taichi_sim.visualisation.film.files import film_times
+from taichi_sim.visualisation.film.moment import TRAIL_S
+from taichi_sim.visualisation.film.picture import room_at_decks
+from taichi_sim.visualisation.recording.episode import Platform
+from taichi_sim.visualisation.recording.frames import euler
+from taichi_sim.visualisation.recording.overlays import Lines
 
 TINY = {"size": (160, 120), "fps": 10.0}
 

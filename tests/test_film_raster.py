@@ -8,12 +8,12 @@ import pytest
 from test_recording import make_episode
 
 from taichi_sim.config import SeaConfig
-from taichi_sim.film import raster, water
-from taichi_sim.film.camera import FilmCamera, eye_that_holds, heading, look, look_at
-from taichi_sim.film.moment import moment_of
-from taichi_sim.film.primitives import BALL, BALL_NORMALS, NO_SOLIDS, NO_STROKES, Solids, Strokes
-from taichi_sim.film.raster import Raster
-from taichi_sim.sea import Sea
+from taichi_sim.surroundings.sea import Sea
+from taichi_sim.visualisation.film import raster, water
+from taichi_sim.visualisation.film.camera import FilmCamera, eye_that_holds, heading, look, look_at
+from taichi_sim.visualisation.film.moment import moment_of
+from taichi_sim.visualisation.film.primitives import BALL, BALL_NORMALS, NO_SOLIDS, NO_STROKES, Solids, Strokes
+from taichi_sim.visualisation.film.raster import Raster
 
 WIDE, HIGH = 80, 60
 NORTH = np.array([1.0, 0.0, 0.0])

@@ -16,20 +16,20 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from test_recording import make_episode
 
-from taichi_sim.commands import fit as command
+from taichi_sim.applications.commands import fit as command
+from taichi_sim.applications.fit import estimate
+from taichi_sim.applications.fit.dependence import spreads
+from taichi_sim.applications.fit.estimate import Fit, Start, _directions, _given_the_rest, fit
+from taichi_sim.applications.fit.log import read_columns, read_log
+from taichi_sim.applications.fit.samples import inspected
+from taichi_sim.applications.fit.search import delayed
+from taichi_sim.applications.fit.synthetic import write_logs
+from taichi_sim.applications.fit.table import LogError, Source, drawn_means, held_means
+from taichi_sim.applications.fit.windows import windows_of
 from taichi_sim.config import TeamConfig
 from taichi_sim.config.io import vehicle_file
-from taichi_sim.fit import estimate
-from taichi_sim.fit.dependence import spreads
-from taichi_sim.fit.estimate import Fit, Start, _directions, _given_the_rest, fit
-from taichi_sim.fit.log import read_columns, read_log
-from taichi_sim.fit.samples import inspected
-from taichi_sim.fit.search import delayed
-from taichi_sim.fit.synthetic import write_logs
-from taichi_sim.fit.table import LogError, Source, drawn_means, held_means
-from taichi_sim.fit.windows import windows_of
-from taichi_sim.recording.ros import write_mcap
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.models.catalogue import load_vehicle
+from taichi_sim.visualisation.recording.ros import write_mcap
 
 pytestmark = pytest.mark.usefixtures("f64")
 FACTORS = {"X_u": 1.15, "N_r": 0.9, "surge_force_max": 0.92, "yaw_moment_max": 1.1}

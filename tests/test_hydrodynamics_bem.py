@@ -8,11 +8,11 @@ import pytest
 
 pytest.importorskip("capytaine")
 
-from taichi_sim.hydro.potential_flow import Tank, mean_drift, solve
-from taichi_sim.hydro.wetted_surface import WettedSurface, turned_matrix
-from taichi_sim.usv.hull.database import HydroDatabase
-from taichi_sim.usv.hull.hull_6dof import Hull6Dof
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.applications.hydro.potential_flow import Tank, mean_drift, solve
+from taichi_sim.applications.hydro.wetted_surface import WettedSurface, turned_matrix
+from taichi_sim.models.catalogue import load_vehicle
+from taichi_sim.models.usv.hull.database import HydroDatabase
+from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof
 from tests.validation.regular import motions
 from tests.validation.tables import read_csv
 from tools import hydrodynamics
@@ -93,10 +93,10 @@ def test_a_range_that_misses_a_resonance_is_refused(capsys, tmp_path):
 
 def test_a_mesh_becomes_a_vehicle(tmp_path, capsys):
     """A box as a GDF, to a vehicle file and a database of its panels, with which it floats and answers a wave."""
-    from taichi_sim.hydro.floating_hull import of_vehicle
-    from taichi_sim.hydro.panels import wetted
-    from taichi_sim.usv.hull.database import hull_hash
-    from taichi_sim.usv.hull.mesh import BoxHull, mesh
+    from taichi_sim.applications.hydro.floating_hull import of_vehicle
+    from taichi_sim.applications.hydro.panels import wetted
+    from taichi_sim.models.usv.hull.database import hull_hash
+    from taichi_sim.models.usv.hull.mesh import BoxHull, mesh
 
     hull = BoxHull(length=4.0, beam=2.0, draft=0.5, freeboard=0.5)
     panels = wetted(mesh(hull), 0.6).whole

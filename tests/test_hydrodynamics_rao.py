@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from taichi_sim.usv.hull.radiation import cubic
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.models.catalogue import load_vehicle
+from taichi_sim.models.usv.hull.radiation import cubic
 from tests.validation.regular import motions
 from tests.validation.remembering import NO_DAMPING, slowest_decay
 

@@ -12,34 +12,34 @@ ROOT = Path(__file__).resolve().parent.parent
 # From the bottom up; a name stands for the module or package and all inside it.
 LAYERS = (
     (
-        "taichi_sim.arguments",
-        "taichi_sim.conventions",
+        "taichi_sim.config.arguments",
+        "taichi_sim.kernels.conventions",
         "taichi_sim.config",
         "taichi_sim.kernels",
-        "taichi_sim.memory",
-        "taichi_sim.plotting",
-        "taichi_sim.forecast",
-        "taichi_sim.state",
+        "taichi_sim.state.memory",
+        "taichi_sim.visualisation.plotting",
+        "rl.guidance.forecast",
+        "taichi_sim.state.snapshot",
     ),
-    ("taichi_sim.sea", "taichi_sim.air"),
+    ("taichi_sim.surroundings.sea", "taichi_sim.surroundings.air"),
     (
-        "taichi_sim.surroundings",
-        "taichi_sim.contact.parts",
-        "taichi_sim.contact.carrier",
-        "taichi_sim.contact.touch",
+        "taichi_sim.surroundings.around_vehicles",
+        "taichi_sim.models.contact.parts",
+        "taichi_sim.models.contact.carrier",
+        "taichi_sim.models.contact.touch",
     ),
     ("taichi_sim.fleet",),
     ("taichi_sim.vehicle",),
-    ("taichi_sim.contact",),
-    ("taichi_sim.usv", "taichi_sim.uav"),
-    ("taichi_sim.vehicles",),
-    ("taichi_sim.dump",),
+    ("taichi_sim.models.contact",),
+    ("taichi_sim.models.usv", "taichi_sim.models.uav"),
+    ("taichi_sim.models.catalogue",),
+    ("taichi_sim.state.dump",),
     ("taichi_sim.randomisation",),
     ("taichi_sim.world",),
-    ("taichi_sim.bench", "taichi_sim.recording", "taichi_sim.hydro"),
-    ("taichi_sim.trials", "taichi_sim.sitl", "taichi_sim.fit"),
-    ("taichi_sim.film",),
-    ("taichi_sim.commands",),
+    ("taichi_sim.applications.bench", "taichi_sim.visualisation.recording", "taichi_sim.applications.hydro"),
+    ("taichi_sim.applications.trials", "taichi_sim.applications.sitl", "taichi_sim.applications.fit"),
+    ("taichi_sim.visualisation.film",),
+    ("taichi_sim.applications.commands",),
     ("rl.processes", "rl.course"),
     ("rl.perception",),
     ("rl.scenario",),
@@ -61,9 +61,9 @@ LAYERS = (
 )
 # Within a layer these know nothing of each other.
 STRANGERS = (
-    {"taichi_sim.sea", "taichi_sim.air"},
-    {"taichi_sim.usv", "taichi_sim.uav"},
-    {"taichi_sim.bench", "taichi_sim.recording"},
+    {"taichi_sim.surroundings.sea", "taichi_sim.surroundings.air"},
+    {"taichi_sim.models.usv", "taichi_sim.models.uav"},
+    {"taichi_sim.applications.bench", "taichi_sim.visualisation.recording"},
     {"rl.train", "rl.evaluate", "rl.tune", "rl.play", "rl.report"},
 )
 PACKAGES = ("taichi_sim", "rl", "tools")
@@ -107,7 +107,7 @@ def place(module: str) -> tuple[int, str] | None:
     for height, layer in enumerate(LAYERS):
         for name in layer:
             inside = module == name or module.startswith(name + ".")
-            if inside or (module in PACKAGES and name.startswith(module)):
+            if inside or name.startswith(module + "."):
                 return height, name
     return None
 
@@ -161,8 +161,8 @@ def test_every_package_was_walked():
         ("rl/missions/formation/mission.py", "def late():\n    from rl import train"),
         ("rl/missions/formation/mission.py", "from ...train import main"),
         ("rl/missions/formation/mission.py", "from ... import play"),
-        ("taichi_sim/sea/waves.py", "import taichi_sim.usv.unity_boat as boat"),
-        ("taichi_sim/usv/unity_boat.py", "from taichi_sim.uav import unity_aircraft"),
+        ("taichi_sim/surroundings/sea/waves.py", "import taichi_sim.models.usv.unity_boat as boat"),
+        ("taichi_sim/models/usv/unity_boat.py", "from taichi_sim.models.uav import unity_aircraft"),
         ("rl/learn/stages.py", "from tools import validate"),
         ("taichi_sim/__init__.py", "from taichi_sim.world import World"),
         ("taichi_sim/world.py", "if TYPE_CHECKING:\n    from rl.scenario import derive_seed"),
@@ -171,7 +171,8 @@ def test_every_package_was_walked():
 )
 def test_an_arrow_that_runs_back_is_found(tmp_path, module, statement):
     for name in (
-        "taichi_sim/usv/unity_boat", "taichi_sim/uav/unity_aircraft", "rl/train", "rl/play", "rl/scenario",
+        "taichi_sim/models/usv/unity_boat", "taichi_sim/models/uav/unity_aircraft",
+        "rl/train", "rl/play", "rl/scenario",
         "taichi_sim/__init__", "rl/__init__", "tools/validate", "taichi_sim/world",
     ):  # fmt: skip
         file = tmp_path / f"{name}.py"

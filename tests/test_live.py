@@ -17,8 +17,8 @@ from rerun.chunk import RrdReader
 from test_recording import column
 from test_recording_parts import STEPS, busy, part
 
-from taichi_sim.recording import live as live_module
-from taichi_sim.recording.live import Live, program
+from taichi_sim.visualisation.recording import live as live_module
+from taichi_sim.visualisation.recording.live import Live, program
 
 WAITS_S = 30.0  # a call that waits for a server waits for ever; a busy machine takes some seconds
 

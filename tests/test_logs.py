@@ -8,10 +8,10 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from test_fit import FORMATS, _dataflash, _record
 
-from taichi_sim.fit.log import read_log
-from taichi_sim.fit.synthetic import write_logs
-from taichi_sim.fit.table import LogError, Source
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.applications.fit.log import read_log
+from taichi_sim.applications.fit.synthetic import write_logs
+from taichi_sim.applications.fit.table import LogError, Source
+from taichi_sim.models.catalogue import load_vehicle
 
 pytestmark = pytest.mark.usefixtures("f64")
 EPOCH = 1_700_000_000  # s, stamp of the first message

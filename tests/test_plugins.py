@@ -9,11 +9,11 @@ import pytest
 import torch
 from refusal import assert_says
 
-from taichi_sim.bench import Bench, pack_state
+from taichi_sim.applications.bench import Bench, pack_state
 from taichi_sim.config import ConfigError
 from taichi_sim.config.plugins import load_class, plugin_source
+from taichi_sim.models.catalogue import load_vehicle
 from taichi_sim.vehicle import Vehicle
-from taichi_sim.vehicles import load_vehicle
 from taichi_sim.world import World
 
 MODULE = Path(__file__).with_name("example_boat.py")

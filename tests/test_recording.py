@@ -17,8 +17,8 @@ from rl.figures import judged, levels_of
 from rl.learn.progress import read_history, team_history
 from rl.missions.formation import figures
 from rl.missions.formation.figures import write_figures
-from taichi_sim.recording import Episode, Event, Medium, Scene, TeamTrack, write_recording
-from taichi_sim.recording.sea_patch import OFF_CRESTS, SeaGrid
+from taichi_sim.visualisation.recording import Episode, Event, Medium, Scene, TeamTrack, write_recording
+from taichi_sim.visualisation.recording.sea_patch import OFF_CRESTS, SeaGrid
 
 RADIUS_M, AMPLITUDE_M, WAVENUMBER = 80.0, 0.4, 0.3
 ACTIONS = {"usv": ("thrust", "turn"), "uav": ("aileron", "elevator", "rudder", "throttle")}

@@ -16,14 +16,14 @@ from rl.missions import load_scenario
 from rl.missions.formation.mission import TeamTask
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import torch_rotation_matrix
-from taichi_sim.recording import Airframe, Episode, write_recording
-from taichi_sim.recording.arrows import metres_per_second_per_metre
-from taichi_sim.recording.bodies import aircraft
-from taichi_sim.recording.sea_patch import SeaGrid
-from taichi_sim.recording.vehicles import smooth_course
-from taichi_sim.uav.aircraft import Aircraft
-from taichi_sim.usv.vessel import Vessel
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.models.catalogue import load_vehicle
+from taichi_sim.models.uav.aircraft import Aircraft
+from taichi_sim.models.usv.vessel import Vessel
+from taichi_sim.visualisation.recording import Airframe, Episode, write_recording
+from taichi_sim.visualisation.recording.arrows import metres_per_second_per_metre
+from taichi_sim.visualisation.recording.bodies import aircraft
+from taichi_sim.visualisation.recording.sea_patch import SeaGrid
+from taichi_sim.visualisation.recording.vehicles import smooth_course
 
 SIZE, CHORD = (1.7, 2.9, 0.6), 0.19
 STEPS = 40

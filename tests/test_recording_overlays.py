@@ -9,9 +9,18 @@ from recorded import assert_nothing_is_empty, entities
 from rerun.chunk import RrdReader
 from test_recording import column, make_episode, rows
 
-from taichi_sim.recording import Episode, write_recording
-from taichi_sim.recording.overlays import Arrows, Cylinders, Ellipsoids, Lines, Note, Overlay, Plot, Points
-from taichi_sim.recording.space import line_lift
+from taichi_sim.visualisation.recording import Episode, write_recording
+from taichi_sim.visualisation.recording.overlays import (
+    Arrows,
+    Cylinders,
+    Ellipsoids,
+    Lines,
+    Note,
+    Overlay,
+    Plot,
+    Points,
+)
+from taichi_sim.visualisation.recording.space import line_lift
 
 STEPS = 6
 RED = (220, 40, 40)

@@ -13,16 +13,16 @@ from test_recording import column, elevation, make_episode, rows
 
 from rl.evaluation.record import _events
 from rl.mission import Endings
-from taichi_sim.recording import Body, Episode, Force, Signal, write_recording
-from taichi_sim.recording.arrows import newtons_per_metre, round_scale
-from taichi_sim.recording.bodies import above, below, body_mesh, lid, shell
-from taichi_sim.recording.palette import ALARM, GOOD
-from taichi_sim.recording.recorder import forces_of, signals_of
-from taichi_sim.recording.sea_patch import ROUND_M, Cadence, SeaGrid, SeaPatch
-from taichi_sim.recording.stream import Stream
-from taichi_sim.recording.vehicles import ABOVE_WATER, NEWEST, WAKE_OFF
-from taichi_sim.usv.hull.mesh import BoxHull, TwinPontoons, mesh
+from taichi_sim.models.usv.hull.mesh import BoxHull, TwinPontoons, mesh
 from taichi_sim.vehicle import Vehicle
+from taichi_sim.visualisation.recording import Body, Episode, Force, Signal, write_recording
+from taichi_sim.visualisation.recording.arrows import newtons_per_metre, round_scale
+from taichi_sim.visualisation.recording.bodies import above, below, body_mesh, lid, shell
+from taichi_sim.visualisation.recording.palette import ALARM, GOOD
+from taichi_sim.visualisation.recording.recorder import forces_of, signals_of
+from taichi_sim.visualisation.recording.sea_patch import ROUND_M, Cadence, SeaGrid, SeaPatch
+from taichi_sim.visualisation.recording.stream import Stream
+from taichi_sim.visualisation.recording.vehicles import ABOVE_WATER, NEWEST, WAKE_OFF
 
 BOX = BoxHull(length=4.0, beam=2.0, draft=0.5, freeboard=0.25, panels_along=4)
 PONTOONS = TwinPontoons(y=0.4, freeboard=0.1, stations=((-1.0, 0.2, 0.1), (0.5, 0.3, 0.3), (1.0, 0.0, 0.2)))

@@ -11,10 +11,10 @@ import pytest
 import taichi as ti
 import torch
 
-from taichi_sim.bench import Bench
+from taichi_sim.applications.bench import Bench
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.runtime import Launcher
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.models.catalogue import load_vehicle
 
 HERE = Path(__file__).resolve().parent
 PATHS = os.environ | {"PYTHONPATH": f"{HERE.parent}{os.pathsep}{HERE}"}
@@ -210,7 +210,7 @@ def test_packs_of_an_ended_program_are_freed_without_harm():
 ON_GPU = """
 import torch
 
-from taichi_sim.bench import Bench
+from taichi_sim.applications.bench import Bench
 from taichi_sim.config import SeaConfig
 from taichi_sim.kernels import runtime
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from taichi_sim.config import SeaConfig
-from taichi_sim.sea.measured import records_of
-from taichi_sim.sea.measured.record import WaveRecord, direction_grid, normalised
-from taichi_sim.sea.spectrum import jonswap, spreading
+from taichi_sim.surroundings.sea.measured import records_of
+from taichi_sim.surroundings.sea.measured.record import WaveRecord, direction_grid, normalised
+from taichi_sim.surroundings.sea.spectrum import jonswap, spreading
 from tools import sea_of
 
 ROOT = Path(__file__).parents[1]

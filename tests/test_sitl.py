@@ -16,14 +16,14 @@ import torch
 from sitl_peer import Clock, Copter, PacedPeer, Peer
 from test_recording import column
 
+from taichi_sim.applications.sitl.ardupilot import PacketError, Session, pack, parse
+from taichi_sim.applications.sitl.channels import Mixer, default_channels, read_channels
+from taichi_sim.applications.sitl.craft import Craft, Servos
+from taichi_sim.applications.sitl.record import CraftRecording, CraftView
 from taichi_sim.config import AirConfig, ConfigError, GustConfig, SeaConfig
-from taichi_sim.conventions import GRAVITY
+from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.kernels.rotation import numpy_rotation_matrix
-from taichi_sim.sitl.ardupilot import PacketError, Session, pack, parse
-from taichi_sim.sitl.channels import Mixer, default_channels, read_channels
-from taichi_sim.sitl.craft import Craft, Servos
-from taichi_sim.sitl.record import CraftRecording, CraftView
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.models.catalogue import load_vehicle
 
 ME, OTHER_PORT, STRANGER = ("127.0.0.1", 5501), ("127.0.0.1", 5777), ("10.0.0.9", 5501)
 
@@ -520,7 +520,7 @@ class Px4Peer:
 
 
 def _px4(vehicle="cybership2", peer_of=Px4Peer):
-    from taichi_sim.sitl.px4 import Px4Session
+    from taichi_sim.applications.sitl.px4 import Px4Session
 
     pytest.importorskip("pymavlink")
     session = Px4Session(Craft(vehicle, {"actions": "surge_sway_yaw"} if vehicle == "cybership2" else {}))
@@ -533,7 +533,7 @@ def test_px4_drives_in_lockstep_and_what_it_loses_or_repeats_changes_nothing(mon
     """Against a peer that answers each frame at once: one that leaves frames unanswered until they come again, repeats
     controls, sends old ones and noise, in pieces.
     """
-    from taichi_sim.sitl import px4
+    from taichi_sim.applications.sitl import px4
 
     ends = []
     for rough in (False, True):
@@ -620,7 +620,7 @@ def test_the_command_serves_px4_over_tcp(tmp_path):
 
 
 def test_without_pymavlink_the_extra_is_named(monkeypatch, capsys):
-    from taichi_sim.commands import sitl
+    from taichi_sim.applications.commands import sitl
 
     for name in ("pymavlink", "pymavlink.dialects", "pymavlink.dialects.v20"):
         monkeypatch.setitem(sys.modules, name, None)
@@ -629,7 +629,7 @@ def test_without_pymavlink_the_extra_is_named(monkeypatch, capsys):
 
 
 def _start(*words):
-    command = [sys.executable, "-m", "taichi_sim.commands.sitl", *words]
+    command = [sys.executable, "-m", "taichi_sim.applications.commands.sitl", *words]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
@@ -689,7 +689,7 @@ def test_the_command_answers_over_udp(tmp_path):
     ("kvlcc2 --protocol px4 --port 65530 --instances 9", "go beyond 65535"),
 ])  # fmt: skip
 def test_bad_input_is_told(words, told, capsys):
-    from taichi_sim.commands import sitl
+    from taichi_sim.applications.commands import sitl
 
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))

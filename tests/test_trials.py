@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_sim.commands import trials
-from taichi_sim.trials import flight, ship
-from taichi_sim.trials.basin import Setting
-from taichi_sim.trials.figures import (
+from taichi_sim.applications.commands import trials
+from taichi_sim.applications.trials import flight, ship
+from taichi_sim.applications.trials.basin import Setting
+from taichi_sim.applications.trials.figures import (
     Outcome,
     TrialError,
     criteria,
@@ -20,7 +20,7 @@ from taichi_sim.trials.figures import (
     peaks,
     second_overshoot_limit,
 )
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.models.catalogue import load_vehicle
 
 pytestmark = pytest.mark.usefixtures("f64")
 REFERENCE = Path(__file__).parent / "data" / "reference"

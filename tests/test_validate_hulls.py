@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_sim.conventions import GRAVITY, RHO_SEA
+from taichi_sim.kernels.conventions import GRAVITY, RHO_SEA
 from tests.validation import document, froude_krylov
 from tests.validation.box import Box
 from tests.validation.otter_numbers import current, shaft_command

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from taichi_sim.config import ConfigError
-from taichi_sim.usv.hull.hull_6dof import Hull6Dof
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.models.catalogue import load_vehicle
+from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof
 from tests.validation.regular import motions
 from tests.validation.remembering import NO_DAMPING, damped, external_damping
 from tests.validation.ships import motions_of

@@ -24,14 +24,14 @@ from pathlib import Path
 
 import numpy as np
 
+from taichi_sim.applications.trials import rotorcraft
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder, read_toml, validate
 from taichi_sim.kernels import runtime
-from taichi_sim.trials import rotorcraft
-from taichi_sim.uav.fixed_wing.equations import FlightEnvelope, flight_envelope
-from taichi_sim.uav.fixed_wing.params import FixedWingParams
-from taichi_sim.uav.fixed_wing.trim import TrimError, largest_stable_dt, linear_modes, trim
-from taichi_sim.uav.multirotor.params import MultirotorParams
+from taichi_sim.models.uav.fixed_wing.equations import FlightEnvelope, flight_envelope
+from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
+from taichi_sim.models.uav.fixed_wing.trim import TrimError, largest_stable_dt, linear_modes, trim
+from taichi_sim.models.uav.multirotor.params import MultirotorParams
 
 MODEL = "fixed_wing_6dof"
 PARAMS = {MODEL: FixedWingParams, rotorcraft.MODEL: MultirotorParams}
@@ -130,7 +130,7 @@ def envelope_table(bounds: FlightEnvelope) -> str:
 
 def draw(bounds: FlightEnvelope, cruise: float, title: str, file: Path) -> None:
     """Draw the V-n diagram."""
-    from taichi_sim.plotting import dress, new_figure
+    from taichi_sim.visualisation.plotting import dress, new_figure
 
     figure = new_figure(8.0, 5.0, title)
     axes = figure.subplots()

@@ -32,13 +32,13 @@ from taichi_sim.config import ConfigError, SeaConfig
 from taichi_sim.config.base import MissingExtraError
 from taichi_sim.config.io import load_world
 from taichi_sim.kernels import runtime
-from taichi_sim.plotting import INK, dress, new_figure
 from taichi_sim.randomisation.conditions import resolved_sea
-from taichi_sim.sea import Sea, SteepSeaError
-from taichi_sim.sea.measured import MeasuredSystem, WaveRecord, band_moments
-from taichi_sim.sea.sampling import System
-from taichi_sim.sea.sea import wave_systems
-from taichi_sim.sea.spectrum import Components, spectral_moment, wavenumber
+from taichi_sim.surroundings.sea import Sea, SteepSeaError
+from taichi_sim.surroundings.sea.measured import MeasuredSystem, WaveRecord, band_moments
+from taichi_sim.surroundings.sea.sampling import System
+from taichi_sim.surroundings.sea.sea import wave_systems
+from taichi_sim.surroundings.sea.spectrum import Components, spectral_moment, wavenumber
+from taichi_sim.visualisation.plotting import INK, dress, new_figure
 
 SEAS = 64  # largest number of realisations
 RECORD, SAMPLES_PER_PERIOD = 1200.0, 20  # s of each record; samples per peak period

@@ -8,7 +8,7 @@
 VEHICLE is a vessel's file, or the name of a shipped vessel, with a [deck]. The load of an ideal helm holds its --speed
 (m/s) and heading. For each sea state and heading (0: waves from astern) it is simulated in --runs seas for --minutes.
 Heave, roll, pitch and vertical velocity of the deck's centre are sampled each --interval s. An autoregressive model
-(taichi_sim/forecast.py), one for each signal and run, learns online and forecasts them; forecasts of the second half
+(rl/guidance/forecast.py), one for each signal and run, learns online and forecasts them; forecasts of the second half
 count. The skill at a horizon is
 
     1 - mean (forecast - truth)^2 / variance of the truth,
@@ -33,9 +33,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 import taichi_sim as ts
+from rl.guidance.forecast import Autoregression
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import output
-from taichi_sim.forecast import Autoregression
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 
@@ -150,7 +150,7 @@ def table(found: dict[int, dict[int, Skill]]) -> str:
 
 def picture(found: dict[int, dict[int, Skill]], vehicle: str, out: Path) -> None:
     """Draw skill over horizon for each signal: a column for each sea state, a line for each heading."""
-    from taichi_sim.plotting import dress, new_figure
+    from taichi_sim.visualisation.plotting import dress, new_figure
 
     figure = new_figure(2.6 * len(found) + 1.0, 8.6, f"Forecasts of the deck of {vehicle} from its own past")
     axes = figure.subplots(len(SIGNALS), len(found), squeeze=False, sharex=True, sharey=True)

@@ -24,16 +24,16 @@ from pathlib import Path
 import numpy as np
 
 from rl.cli import positive_float
+from taichi_sim.applications.hydro import floating_hull, make_database
+from taichi_sim.applications.hydro.floating_hull import vehicle_text
+from taichi_sim.applications.hydro.frequency_sweep import require_capytaine
+from taichi_sim.applications.hydro.memory_fit import ENERGY, FitError
+from taichi_sim.applications.hydro.mesh_file import UNITS
 from taichi_sim.config import ConfigError
 from taichi_sim.config.base import MissingExtraError
 from taichi_sim.config.io import output
-from taichi_sim.conventions import GRAVITY, RHO_SEA
-from taichi_sim.hydro import floating_hull, make_database
-from taichi_sim.hydro.floating_hull import vehicle_text
-from taichi_sim.hydro.frequency_sweep import require_capytaine
-from taichi_sim.hydro.memory_fit import ENERGY, FitError
-from taichi_sim.hydro.mesh_file import UNITS
-from taichi_sim.usv.hull.database import HydroDatabase, database_file, hull_hash
+from taichi_sim.kernels.conventions import GRAVITY, RHO_SEA
+from taichi_sim.models.usv.hull.database import HydroDatabase, database_file, hull_hash
 
 DT = 1e-3  # s, step for loading a hull, of which only the panels are used
 
@@ -154,10 +154,10 @@ def _refit(args: argparse.Namespace) -> None:
 def _complete(found: HydroDatabase, file: Path, out: Path, args: argparse.Namespace) -> None:
     """Add a memory, fitted for the vehicle of `file`, to the database and write it."""
     # imported here, because workers of the boundary-element code need no Taichi
-    from taichi_sim.hydro.complete_database import completed
+    from taichi_sim.applications.hydro.complete_database import completed
     from taichi_sim.kernels import runtime
-    from taichi_sim.usv.hull.hull_6dof import Hull6Dof
-    from taichi_sim.vehicles import load_vehicle
+    from taichi_sim.models.catalogue import load_vehicle
+    from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof
 
     runtime.init("cpu", "f64")
     simulated = load_vehicle(file, DT, hydrodynamics={"radiation": "constant", "drift": False})

@@ -28,17 +28,17 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from taichi_sim.bench import pack_state
+from taichi_sim.applications.bench import pack_state
 from taichi_sim.config import ConfigError, SeaConfig, WorldConfig
 from taichi_sim.config.base import MissingExtraError
 from taichi_sim.config.io import config_folder, validate
-from taichi_sim.conventions import GRAVITY, QUATERNION
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.conventions import GRAVITY, QUATERNION
 from taichi_sim.kernels.rotation import torch_euler_from_quaternion
-from taichi_sim.sea import SteepSeaError
-from taichi_sim.sea.measured import WaveRecord, open_spectra, records_of
-from taichi_sim.sea.wind_sea import sea_state
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.models.catalogue import load_vehicle
+from taichi_sim.surroundings.sea import SteepSeaError
+from taichi_sim.surroundings.sea.measured import WaveRecord, open_spectra, records_of
+from taichi_sim.surroundings.sea.wind_sea import sea_state
 from taichi_sim.world import World
 
 ENVS, DURATION = 64, 60.0  # vessels of each kind; duration, s

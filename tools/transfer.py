@@ -35,9 +35,9 @@ if __package__ in (None, ""):  # run as a script: the packages are beside this f
 from rl.mission import Mission
 from taichi_sim.config import ConfigError
 from taichi_sim.config.plugins import load_class
-from taichi_sim.conventions import STATE_SIZE
 from taichi_sim.fleet import Fleet
-from taichi_sim.surroundings import Surroundings
+from taichi_sim.kernels.conventions import STATE_SIZE
+from taichi_sim.surroundings.around_vehicles import Surroundings
 from tools.simulators import SIMULATORS, Array, Simulator
 
 EPISODES = 64

@@ -29,7 +29,7 @@ from rl.mission import Mission, Team
 from rl.missions import load_scenario, make_mission
 from rl.runs.folder import CONFIG, RunError, load_config
 from rl.scenario import Scenario
-from taichi_sim.arguments import ActionError, Envs, checked_action, environments, numbers, whole_number
+from taichi_sim.config.arguments import ActionError, Envs, checked_action, environments, numbers, whole_number
 from taichi_sim.config.explain import nearly
 from taichi_sim.config.io import find_config
 from taichi_sim.kernels import runtime

@@ -36,7 +36,7 @@ from rl.adapters.batched import policy_of_other
 from rl.adapters.render import MODES, Pictures, frames_per_second
 from rl.mission import Mission, Step
 from rl.missions import load_scenario, make_mission
-from taichi_sim.arguments import ActionError, checked_action, numbers, whole_number
+from taichi_sim.config.arguments import ActionError, checked_action, numbers, whole_number
 from taichi_sim.config.io import find_config
 from taichi_sim.kernels import runtime
 

@@ -1,8 +1,8 @@
 """Pictures of a mission while it runs, for `render` of Gymnasium and PettingZoo.
 
-Each picture is drawn (taichi_sim/film/) from an episode of one frame. Only the vehicles' trails are kept from step to
-step, for all environments. Drawing uses no random number and changes nothing in the mission, so that a rollout has the
-same bits with and without pictures.
+Each picture is drawn (taichi_sim/visualisation/film/) from an episode of one frame. Only the vehicles' trails are kept
+from step to step, for all environments. Drawing uses no random number and changes nothing in the mission, so that a
+rollout has the same bits with and without pictures.
 
 A picture of 640x480 takes 14 to 20 ms on two cores. Each environment adds a few ms, however small its picture is.
 """
@@ -15,10 +15,10 @@ from gymnasium import logger
 from numpy.typing import NDArray
 
 from rl.mission import Mission
-from taichi_sim.film.draw import Cast
-from taichi_sim.film.moment import TRAIL_POINTS, TRAIL_S, Moment, moment_of
-from taichi_sim.film.picture import Picture, check_picture
-from taichi_sim.recording import Recorder, Scene
+from taichi_sim.visualisation.film.draw import Cast
+from taichi_sim.visualisation.film.moment import TRAIL_POINTS, TRAIL_S, Moment, moment_of
+from taichi_sim.visualisation.film.picture import Picture, check_picture
+from taichi_sim.visualisation.recording import Recorder, Scene
 
 MODES = ["rgb_array", "human"]
 SIZES = ((1, (640, 480)), (4, (320, 240)), (16, (240, 180)))  # up to this many environments: px

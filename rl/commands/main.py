@@ -23,13 +23,25 @@ SCRIPTS = {  # name -> module, further arguments, description
     "sea-of": ("tools.sea_of", (), "the seas in a file of measured spectra, and which vessels survive them"),
     "aircraft": ("tools.aircraft", (), "trim, modes and V-n diagram, or control loops, of an aircraft"),
     "trials": (
-        "taichi_sim.commands.trials",
+        "taichi_sim.applications.commands.trials",
         (),
         "standard trials of a vessel (turning circle, zigzag) or an aircraft",
     ),
-    "step": ("taichi_sim.commands.step", (), "the physics step that a vehicle needs, by the error of its motion"),
-    "fit": ("taichi_sim.commands.fit", (), "numbers of a vehicle file from logs of a vessel's motion, with intervals"),
-    "sitl": ("taichi_sim.commands.sitl", (), "be the physics of ArduPilot's SITL (JSON interface) or PX4's (MAVLink)"),
+    "step": (
+        "taichi_sim.applications.commands.step",
+        (),
+        "the physics step that a vehicle needs, by the error of its motion",
+    ),
+    "fit": (
+        "taichi_sim.applications.commands.fit",
+        (),
+        "numbers of a vehicle file from logs of a vessel's motion, with intervals",
+    ),
+    "sitl": (
+        "taichi_sim.applications.commands.sitl",
+        (),
+        "be the physics of ArduPilot's SITL (JSON interface) or PX4's (MAVLink)",
+    ),
     "hydrodynamics": ("tools.hydrodynamics", (), "a hull's added mass, damping and wave loads from its mesh"),
 }
 STARTERS = {

@@ -29,8 +29,8 @@ from torch import Tensor
 
 from rl.course.tracks import Real, Tracks, TrackSample, world_uniform
 from taichi_sim.config import Finite, Positive, Strict
-from taichi_sim.memory import Remembers
-from taichi_sim.recording.overlays import Cylinders
+from taichi_sim.state.memory import Remembers
+from taichi_sim.visualisation.recording.overlays import Cylinders
 
 OBSTACLE_STREAM = 1 << 16  # random stream of the first round; each round has the next one
 ROUNDS = 48

@@ -21,7 +21,7 @@ from rl.learn.progress import CHECKUPS, HISTORY, read_rows, spent, write_rows
 from rl.mission import ControllerError, Mission, Team
 from rl.runs.folder import Figures
 from rl.scenario import Scenario, derive_seed
-from taichi_sim.arguments import ActionError
+from taichi_sim.config.arguments import ActionError
 from taichi_sim.kernels import runtime
 
 EPISODES = 32  # most episodes of a checkup

@@ -34,13 +34,13 @@ from rl.missions import find_mission, shipped
 from rl.runs import folder as run_folder
 from rl.scenario import Scenario
 from rl.team import ControllerError
-from taichi_sim.arguments import ActionError
 from taichi_sim.config import ConfigError, Positive, Strict
+from taichi_sim.config.arguments import ActionError
 from taichi_sim.config.base import Table
 from taichi_sim.config.explain import keys_at, meant, nearly
 from taichi_sim.config.files import named_files
 from taichi_sim.config.io import config_folder, read_toml, replacing, toml_text, validate, vehicle_file
-from taichi_sim.sea import SteepSeaError
+from taichi_sim.surroundings.sea import SteepSeaError
 
 FOLDER = "sweeps"  # of sweep files in configs/, and of results in a run's folder
 CELLS = "cells.jsonl"

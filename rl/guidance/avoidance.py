@@ -46,12 +46,12 @@ from rl.guidance.geometry import V as VELOCITY
 from rl.guidance.knowledge import Knowledge, KnownPack, TeamKernel
 from rl.perception.sensors import Mate, Obstacle
 from taichi_sim.config import NonNegative, Positive, Strict
-from taichi_sim.conventions import EAST, NORTH
 from taichi_sim.kernels.abreast import taken
+from taichi_sim.kernels.conventions import EAST, NORTH
 from taichi_sim.kernels.packs import values_at
 from taichi_sim.kernels.rotation import HEADING_COS
 from taichi_sim.kernels.runtime import array3
-from taichi_sim.memory import Remembers
+from taichi_sim.state.memory import Remembers
 from taichi_sim.vehicle import Vehicle
 
 FAN, RAYS = math.radians(100.0), 20  # to either side, and how many

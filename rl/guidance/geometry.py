@@ -28,14 +28,14 @@ from torch import Tensor
 from rl.course.tracks import Tracks, TrackSample, track_point
 from rl.perception.due import GOES_ON, NOT_DUE, Due
 from rl.perception.radio import Message
-from taichi_sim.air.wind import wind_factor, wind_shear
 from taichi_sim.config import WorldConfig
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN, VELOCITY_N
 from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
-from taichi_sim.memory import Remembers
 from taichi_sim.randomisation.conditions import bounds
+from taichi_sim.state.memory import Remembers
+from taichi_sim.surroundings.air.wind import wind_factor, wind_shear
 
 NORTH, EAST, DOWN, COURSE, COS, SIN, COURSE_RATE, SPEED, TARGET_SIZE = range(9)
 TARGET_SPEED, INTERVAL, WIND_FACTOR, OVER_AIR = range(4)  # parameters of the kernel

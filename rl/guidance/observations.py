@@ -48,9 +48,9 @@ from rl.guidance.geometry import V as VELOCITY
 from rl.guidance.knowledge import Knowledge
 from rl.perception.radio import Message
 from rl.perception.sensors import Mate, Obstacle
-from taichi_sim.conventions import ROLL_RATE, SURGE
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
+from taichi_sim.kernels.conventions import ROLL_RATE, SURGE
 from taichi_sim.kernels.rotation import DOWN
 from taichi_sim.kernels.runtime import array1, array3, array4
 from taichi_sim.vehicle import Vehicle

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from rl.learn.policy import Policy
 from rl.mission import Mission, Step
-from taichi_sim.arguments import checked_action
+from taichi_sim.config.arguments import checked_action
 
 Watch = Callable[[Mission, Step, Mapping[str, Mapping[str, Tensor]]], None]
 """Called after each step and before the resets: the mission, the step, and the logs of each learning team."""

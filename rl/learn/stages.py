@@ -55,7 +55,7 @@ def train_stages(
     `out`.
 
     Vehicle files lie beside the scenario's file `source`. `dumps` is a folder for environments whose state stopped
-    being finite (taichi_sim/dump.py). Without `judged`, every stage is kept.
+    being finite (taichi_sim/state/dump.py). Without `judged`, every stage is kept.
     """
     policies: dict[str, TrainedPolicy] = {}
     for name in config.stages:

@@ -30,7 +30,7 @@ from rl.perception.radio import NEVER, Message
 from rl.perception.sightings import Sighting
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.runtime import array1, array3, array4, whole1
-from taichi_sim.memory import Remembers
+from taichi_sim.state.memory import Remembers
 
 # Columns of a track: place (m), velocity (m/s), covariance (place, both, velocity), age of its newest look (s; `NEVER`
 # before the first), time since it began (s).

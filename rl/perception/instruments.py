@@ -24,10 +24,10 @@ import taichi as ti
 
 from rl.perception.due import BEGINS, NOT_DUE, Due
 from taichi_sim.config import Fraction, NonNegative, Positive, Strict
-from taichi_sim.conventions import DOWN, QW, ROLL_RATE, SURGE
 from taichi_sim.fleet import Fleet, Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
+from taichi_sim.kernels.conventions import DOWN, QW, ROLL_RATE, SURGE
 from taichi_sim.kernels.packs import struct_of, values_at
 from taichi_sim.kernels.random import INSTRUMENTS, normal6
 from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix, store

@@ -26,7 +26,7 @@ from taichi_sim.config import Fraction, Positive, Strict
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import RADIO, uniform4
 from taichi_sim.kernels.runtime import array1, array3, array4, whole1
-from taichi_sim.memory import Remembers
+from taichi_sim.state.memory import Remembers
 
 NEVER = 1e6  # s, age of a message that was never received
 MOST = 64  # vehicles of a team

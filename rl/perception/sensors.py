@@ -21,7 +21,7 @@ from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN, VELOCITY_N
 from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
-from taichi_sim.memory import Remembers
+from taichi_sim.state.memory import Remembers
 
 SensedPack = ti.types.argpack(gap=array2, obstacles=array4, mates=array4, signals=array3)
 SensingPack = ti.types.argpack(state=array3, derived=array3, numbers=array1)

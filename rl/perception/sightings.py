@@ -38,14 +38,14 @@ from torch import Tensor
 from rl.perception.due import NOT_DUE, Due
 from rl.perception.instruments import InstrumentsConfig
 from taichi_sim.config import NonNegative, Positive, Strict
-from taichi_sim.conventions import DOWN, EAST, NORTH
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.conventions import DOWN, EAST, NORTH
 from taichi_sim.kernels.packs import struct_of, values_at
 from taichi_sim.kernels.random import CAMERA, LOOKOUT, normal6, uniform4
 from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN
 from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
-from taichi_sim.memory import Remembers
+from taichi_sim.state.memory import Remembers
 
 UNSEEN = -1.0  # variance of a sighting that has not been made
 VARIANCE_FLOOR = 1e-4  # m^2, of exact measurements

@@ -36,7 +36,7 @@ from taichi_sim.config import ConfigError
 from taichi_sim.config.files import files_of, named_files, with_files
 from taichi_sim.config.io import find_config, read_toml, replacing, toml_text, vehicle_file, write_toml
 from taichi_sim.config.plugins import is_plugin, plugin_source
-from taichi_sim.vehicles import vehicle_files
+from taichi_sim.models.catalogue import vehicle_files
 
 CONFIG, META, SUMMARY, DUMPS = "config.toml", "meta.json", "summary.json", "dumps"
 LOCK, MEASURED = ".lock", "measured"

@@ -1,4 +1,4 @@
-"""Live views (taichi_sim/recording/live.py) of an episode that is played, and of a training.
+"""Live views (taichi_sim/visualisation/recording/live.py) of an episode that is played, and of a training.
 
 A view changes nothing in the simulation: it reads the shown environment between steps. The view of a training shows a
 few seconds of motion in real time and then pauses, so that it takes at most a set share of the training's time. Its
@@ -14,8 +14,8 @@ import torch
 
 from rl.evaluation.record import EpisodeReel
 from rl.mission import Mission, Step
-from taichi_sim.recording import Event
-from taichi_sim.recording.live import PORT, Live, refuse_used
+from taichi_sim.visualisation.recording import Event
+from taichi_sim.visualisation.recording.live import PORT, Live, refuse_used
 
 __all__ = ["EpisodeView", "TrainingView", "episode_view", "refuse_used", "training_view"]
 

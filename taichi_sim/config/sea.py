@@ -117,7 +117,7 @@ class SeaConfig(Strict):
     - `follows_wind`: the scenario's wind (`[air]`) gives wind_speed and direction_deg;
     - `spectrum = "FILE"`: a measured sea (sea/measured), with its measured size and directions.
 
-    The default is hs 0.5 m, tp 4 s. `taichi_sim.sea.sea_size(config)` returns hs and tp for each of these.
+    The default is hs 0.5 m, tp 4 s. `taichi_sim.surroundings.sea.sea_size(config)` returns hs and tp for each of these.
     Bretschneider and Pierson-Moskowitz (DNV-RP-C205, sec. 3.5.5) have the same shape, JONSWAP's with gamma 1;
     `gamma_js` applies to JONSWAP only.
     """

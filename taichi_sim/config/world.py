@@ -66,8 +66,9 @@ class AirConfig(Strict):
         return self
 
 
-# Physics steps in a decision. The random numbers of turbulence are counted by step, in 32 bits (surroundings.py): with
-# so many they come again after 400,000 decisions. Shipped hulls are stable with steps of 0.1 s, 50 in the longest one.
+# Physics steps in a decision. The random numbers of turbulence are counted by step, in 32 bits (around_vehicles.py):
+# with so many they come again after 400,000 decisions. Shipped hulls are stable with steps of 0.1 s, 50 in the longest
+# one.
 MOST_SUBSTEPS = 10_000
 WHOLE = 1e-6  # of a step: a rest below it is rounding
 

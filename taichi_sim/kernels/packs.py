@@ -31,8 +31,8 @@ AroundPack = ti.types.argpack(
     sea=array3, env_sea=whole1, phase=array2, current=array2, wind=array2, air=array1,
     turbulence=array1, count=whole1, waves=laned1, turns=laned2,
 )  # fmt: skip
-"""The surroundings (surroundings.py). `air` = (shear, w20, w20_factor) comes from `Wind.numbers`. `turbulence` [env] is
-a factor of the turbulence intensity; it is read only where the factor varies. `count` [2 + env] is the counter of
+"""The surroundings (around_vehicles.py). `air` = (shear, w20, w20_factor) comes from `Wind.numbers`. `turbulence` [env]
+is a factor of the turbulence intensity; it is read only where the factor varies. `count` [2 + env] is the counter of
 random numbers (random.py). `waves` and `turns` are `sea` and `phase` as vectors (lanes.py), `waves` without axes."""
 
 TouchPack = ti.types.argpack(way=array3, pressing=array3, soles=array3, struck=array3, blow=array3)

@@ -21,9 +21,9 @@ counts as 0 (`belongs`).
 
 import taichi as ti
 
-from taichi_sim.conventions import NORTH
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import bit_cast, put
+from taichi_sim.kernels.conventions import NORTH
 from taichi_sim.kernels.lanes import WIDTH, is_laned
 
 HALF_DIGIT = 2.0**-24  # largest remainder of an f32, as a share of it

@@ -28,7 +28,7 @@ from taichi_sim.kernels import fast, runtime
 from taichi_sim.kernels.abreast import bit_cast, cast
 from taichi_sim.kernels.lanes import is_laned
 from taichi_sim.kernels.runtime import array1, array2, whole1
-from taichi_sim.memory import Remembers
+from taichi_sim.state.memory import Remembers
 
 # Streams: one for each use of random numbers, so that no two uses share them.
 TURBULENCE, SLOW_VARIATION = 1, 2

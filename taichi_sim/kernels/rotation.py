@@ -16,7 +16,9 @@ import taichi as ti
 import taichi.math as tm
 import torch
 
-from taichi_sim.conventions import (
+from taichi_sim.kernels import fast
+from taichi_sim.kernels.abreast import put, some, taken
+from taichi_sim.kernels.conventions import (
     HEAVE,
     PITCH_RATE,
     QUATERNION,
@@ -30,8 +32,6 @@ from taichi_sim.conventions import (
     SWAY,
     YAW_RATE,
 )
-from taichi_sim.kernels import fast
-from taichi_sim.kernels.abreast import put, some, taken
 from taichi_sim.kernels.runtime import array3, whole1
 
 DERIVED_SIZE = 14

@@ -27,16 +27,16 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from taichi_sim.air.wind import mean_wind
 from taichi_sim.config import ConfigError, CurrentConfig, SeaConfig, WorldConfig
 from taichi_sim.config.series import mean_of
 from taichi_sim.config.vary import CONDITIONS, SIZE
 from taichi_sim.kernels import runtime
-from taichi_sim.sea.measured import records_of
-from taichi_sim.sea.sampling import realisation_seed
-from taichi_sim.sea.sea import Sea, varied_components
-from taichi_sim.sea.spectrum import CALM_PERIOD
-from taichi_sim.sea.wind_sea import SeaSize, developed_period, sea_size, sea_state_range
+from taichi_sim.surroundings.air.wind import mean_wind
+from taichi_sim.surroundings.sea.measured import records_of
+from taichi_sim.surroundings.sea.sampling import realisation_seed
+from taichi_sim.surroundings.sea.sea import Sea, varied_components
+from taichi_sim.surroundings.sea.spectrum import CALM_PERIOD
+from taichi_sim.surroundings.sea.wind_sea import SeaSize, developed_period, sea_size, sea_state_range
 
 STREAM = 0xD0  # separates these random numbers from those of the waves of the same seed
 SIGMAS = 2.0  # standard deviations of a normal distribution from the middle to either end of a range

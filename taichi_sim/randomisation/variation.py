@@ -6,13 +6,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from taichi_sim.air import Wind
 from taichi_sim.config import ConfigError, Range, WorldConfig
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
-from taichi_sim.memory import Remembers
 from taichi_sim.randomisation.conditions import TRUTH, Conditions, spread, varied
-from taichi_sim.sea.current import Current
+from taichi_sim.state.memory import Remembers
+from taichi_sim.surroundings.air import Wind
+from taichi_sim.surroundings.sea.current import Current
 from taichi_sim.vehicle import edge
 
 STREAM = 0xF1  # separates these random numbers from others of the same seed

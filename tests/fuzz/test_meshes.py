@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from taichi_sim.applications.hydro import floating_hull
+from taichi_sim.applications.hydro.mesh_check import GAP
+from taichi_sim.applications.hydro.wetted_surface import WettedSurface
 from taichi_sim.config import ConfigError
-from taichi_sim.hydro import floating_hull
-from taichi_sim.hydro.mesh_check import GAP
-from taichi_sim.hydro.wetted_surface import WettedSurface
-from taichi_sim.usv.hull.mesh import BoxHull, mesh
+from taichi_sim.models.usv.hull.mesh import BoxHull, mesh
 from tests.fuzz.mutate import mutations
 
 pytestmark = pytest.mark.slow

@@ -7,9 +7,9 @@ import torch
 from rl.cli import user_errors
 from rl.missions import load_scenario, make_mission
 from rl.scenario import Scenario
-from taichi_sim.commands.trials import changes_of
+from taichi_sim.applications.commands.trials import changes_of
 from taichi_sim.config import ConfigError
-from taichi_sim.vehicles import load_vehicle, shipped_vehicles
+from taichi_sim.models.catalogue import load_vehicle, shipped_vehicles
 from tests.fuzz.limits import within
 from tests.fuzz.overrides import keys_of, overrides, scenario_keys
 

@@ -18,12 +18,12 @@ from physics import test_measured_files as seas
 from rosbags.rosbag2 import StoragePlugin
 from test_fit import _bag, _dataflash
 
+from taichi_sim.applications.fit.log import read_log
+from taichi_sim.applications.fit.synthetic import write_logs
 from taichi_sim.config import ConfigError, series
 from taichi_sim.config.series import read_series
-from taichi_sim.fit.log import read_log
-from taichi_sim.fit.synthetic import write_logs
-from taichi_sim.sea.measured import open_spectra
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.models.catalogue import load_vehicle
+from taichi_sim.surroundings.sea.measured import open_spectra
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("f64")]
 COUNT, LONGEST = 2000, 20  # files of each kind; s, for one of them

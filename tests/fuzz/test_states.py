@@ -15,7 +15,7 @@ from torch import Tensor
 
 from rl.mission import Mission, Step
 from rl.missions import load_scenario, make_mission
-from taichi_sim.state import Entry, walk
+from taichi_sim.state.snapshot import Entry, walk
 
 PLUGIN = Path(__file__).parents[1] / "data" / "plugins" / "buoys.toml"
 SMALL = ("track.worlds=8", "sea.realisations=4")

@@ -10,7 +10,7 @@ from rl.evaluation.sweeps import load_sweep
 from rl.missions import load_scenario
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder, load_world, read_toml
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.models.catalogue import load_vehicle
 from tests.fuzz.limits import within
 from tests.fuzz.mutate import mutations
 

@@ -1,4 +1,5 @@
-"""Vehicles on a bench (taichi_sim/bench.py), seas of one wave, models with other numbers, reference tables."""
+"""Vehicles on a bench (taichi_sim/applications/bench.py), seas of one wave, models with other numbers, reference
+tables."""
 
 import csv
 from pathlib import Path
@@ -7,11 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from taichi_sim.bench import Bench
-from taichi_sim.conventions import GRAVITY
-from taichi_sim.sea import Sea
-from taichi_sim.sea.spectrum import Components
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.applications.bench import Bench
+from taichi_sim.kernels.conventions import GRAVITY
+from taichi_sim.models.catalogue import load_vehicle
+from taichi_sim.surroundings.sea import Sea
+from taichi_sim.surroundings.sea.spectrum import Components
 
 REFERENCE = Path(__file__).parents[1] / "data" / "reference"
 

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from taichi_sim.config import WorldConfig
-from taichi_sim.conventions import GRAVITY
+from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.world import World
 

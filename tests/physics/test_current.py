@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from taichi_sim.config import ConfigError, CurrentConfig
-from taichi_sim.sea import Current
+from taichi_sim.surroundings.sea import Current
 
 pytestmark = pytest.mark.usefixtures("f64")
 ENVS = 20_000

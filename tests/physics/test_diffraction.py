@@ -1,4 +1,4 @@
-"""What hulls throw back between the courses of its table (taichi_sim/usv/hull/radiation.py)."""
+"""What hulls throw back between the courses of its table (taichi_sim/models/usv/hull/radiation.py)."""
 
 from dataclasses import replace
 
@@ -7,13 +7,13 @@ import pytest
 import torch
 
 from taichi_sim.config.io import config_folder
-from taichi_sim.conventions import GRAVITY
-from taichi_sim.sea import Sea
-from taichi_sim.sea.spectrum import Components
-from taichi_sim.surroundings import Surroundings
-from taichi_sim.usv.hull.database import HydroDatabase
-from taichi_sim.usv.hull.radiation import Diffraction
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.kernels.conventions import GRAVITY
+from taichi_sim.models.catalogue import load_vehicle
+from taichi_sim.models.usv.hull.database import HydroDatabase
+from taichi_sim.models.usv.hull.radiation import Diffraction
+from taichi_sim.surroundings.around_vehicles import Surroundings
+from taichi_sim.surroundings.sea import Sea
+from taichi_sim.surroundings.sea.spectrum import Components
 
 pytestmark = pytest.mark.usefixtures("f64")
 DIRECTION = 0.3  # rad, of the waves: no course of a table

@@ -7,12 +7,12 @@ import pytest
 import taichi as ti
 
 from taichi_sim.config.io import config_folder, read_toml, validate
-from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY
 from taichi_sim.kernels import runtime
-from taichi_sim.uav.fixed_wing import airframe
-from taichi_sim.uav.fixed_wing.equations import lift_curve, loads, stall_angles
-from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
-from taichi_sim.uav.fixed_wing.params import FixedWingParams
+from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, GRAVITY
+from taichi_sim.models.uav.fixed_wing import airframe
+from taichi_sim.models.uav.fixed_wing.equations import lift_curve, loads, stall_angles
+from taichi_sim.models.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
+from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
 
 
 def aircraft(name, **sections):

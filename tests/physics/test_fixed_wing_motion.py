@@ -9,12 +9,12 @@ import torch
 
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder, read_toml, validate
-from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, QUATERNION, VELOCITY
+from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, GRAVITY, QUATERNION, VELOCITY
 from taichi_sim.kernels.rotation import torch_rotation_matrix
-from taichi_sim.uav.fixed_wing import actuators
-from taichi_sim.uav.fixed_wing.equations import loads
-from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
-from taichi_sim.uav.fixed_wing.params import aircraft_numbers
+from taichi_sim.models.uav.fixed_wing import actuators
+from taichi_sim.models.uav.fixed_wing.equations import loads
+from taichi_sim.models.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
+from taichi_sim.models.uav.fixed_wing.params import aircraft_numbers
 
 pytestmark = pytest.mark.usefixtures("f64")
 DT, SUBSTEPS = 0.02, 5

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from taichi_sim.config.io import config_folder, read_toml, validate
-from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
+from taichi_sim.models.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 
 ORDER = [0, 1, 2, 7, 8, 9, 3, 4, 5, 6, 10, 11, 12]  # ours in their order: position, velocity, quaternion, rates
 STATE = ("n", "e", "d", "u", "v", "w", "e0", "e1", "e2", "e3", "p", "q", "r")

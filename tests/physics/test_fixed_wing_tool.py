@@ -2,8 +2,8 @@
 
 import pytest
 
-from taichi_sim.conventions import GRAVITY
-from taichi_sim.uav.fixed_wing.trim import TrimError, trim
+from taichi_sim.kernels.conventions import GRAVITY
+from taichi_sim.models.uav.fixed_wing.trim import TrimError, trim
 from tools import aircraft
 
 pytestmark = pytest.mark.usefixtures("f64")

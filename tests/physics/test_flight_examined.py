@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.bench import Bench
+from taichi_sim.applications.bench import Bench
 from taichi_sim.config import AirConfig, ConfigError
-from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, STATE_SIZE, VELOCITY
-from taichi_sim.dump import load_dump
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, STATE_SIZE, VELOCITY
 from taichi_sim.kernels.rotation import torch_rotation_matrix
-from taichi_sim.uav.fixed_wing.equations import loads
-from taichi_sim.uav.fixed_wing.trim import trim
+from taichi_sim.models.uav.fixed_wing.equations import loads
+from taichi_sim.models.uav.fixed_wing.trim import trim
+from taichi_sim.state.dump import load_dump
 from taichi_sim.world import World, replay
 
 IDEAL = {"time_constant": 0.0, "rate_limit_deg": math.inf, "throttle_time_constant": 0.0}

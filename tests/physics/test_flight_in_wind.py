@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.bench import Bench
+from taichi_sim.applications.bench import Bench
 from taichi_sim.config import AirConfig
-from taichi_sim.conventions import GRAVITY
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.conventions import GRAVITY
 
 DT, SUBSTEPS = 0.02, 5
 KNOT = 1852 / 3600  # m/s

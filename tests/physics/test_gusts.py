@@ -3,10 +3,10 @@ import pytest
 import taichi as ti
 import torch
 
-from taichi_sim.air.wind import Gust, gust_velocity
 from taichi_sim.config import ConfigError, GustConfig
 from taichi_sim.config.io import validate
 from taichi_sim.kernels import runtime
+from taichi_sim.surroundings.air.wind import Gust, gust_velocity
 
 pytestmark = pytest.mark.usefixtures("precision")
 ROUNDING = {"f64": 1e-12, "f32": 1e-4}

@@ -5,9 +5,9 @@ import tomli_w
 
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder, read_toml
-from taichi_sim.usv.hull.hydrostatics import Hydrostatics
-from taichi_sim.usv.hull.mesh import mesh
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.models.catalogue import load_vehicle
+from taichi_sim.models.usv.hull.hydrostatics import Hydrostatics
+from taichi_sim.models.usv.hull.mesh import mesh
 
 
 def refusal(tmp_path, name="otter", dt=0.02, **changes):

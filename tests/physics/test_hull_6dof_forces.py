@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.conventions import RHO_SEA
+from taichi_sim.kernels.conventions import RHO_SEA
 
 pytestmark = pytest.mark.usefixtures("f64")
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.conventions import GRAVITY
+from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
-from taichi_sim.sea import Sea
-from taichi_sim.sea.spectrum import Components
-from taichi_sim.usv.hull.water import STRIPS
+from taichi_sim.models.usv.hull.water import STRIPS
+from taichi_sim.surroundings.sea import Sea
+from taichi_sim.surroundings.sea.spectrum import Components
 
 pytestmark = pytest.mark.usefixtures("precision")
 

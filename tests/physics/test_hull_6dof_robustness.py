@@ -5,7 +5,7 @@ import torch
 
 from taichi_sim.config.io import load_world
 from taichi_sim.kernels import runtime
-from taichi_sim.sea import Sea
+from taichi_sim.surroundings.sea import Sea
 
 ENVS, COUNT, STEPS = 6, 2, 25
 # (north, east, down, roll quaternion x, u): upside down, in the air, under water, very fast, pitched up

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.conventions import GRAVITY, RHO_SEA
+from taichi_sim.kernels.conventions import GRAVITY, RHO_SEA
 from taichi_sim.kernels.rotation import torch_euler_from_quaternion
-from taichi_sim.sea import Sea
-from taichi_sim.sea.spectrum import Components
+from taichi_sim.surroundings.sea import Sea
+from taichi_sim.surroundings.sea.spectrum import Components
 
 pytestmark = pytest.mark.usefixtures("f64")
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.conventions import ELEVATION, FREEBOARD, GRAVITY, QUATERNION, STATE_SIZE
+from taichi_sim.kernels.conventions import ELEVATION, FREEBOARD, GRAVITY, QUATERNION, STATE_SIZE
 from taichi_sim.kernels.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler, torch_rotation_matrix
-from taichi_sim.sea import Sea
-from taichi_sim.sea.spectrum import Components
-from taichi_sim.usv.hull.motion import LABEL
+from taichi_sim.models.usv.hull.motion import LABEL
+from taichi_sim.surroundings.sea import Sea
+from taichi_sim.surroundings.sea.spectrum import Components
 from taichi_sim.world import World
 
 ENVS = 40

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from taichi_sim.usv.hull.mesh import BoxHull, StationsHull, TwinPontoons, WigleyHull, mesh
+from taichi_sim.models.usv.hull.mesh import BoxHull, StationsHull, TwinPontoons, WigleyHull, mesh
 
 VEE = TwinPontoons(
     y=0.4, freeboard=0.12, stations=((-1.0, 0.4, 0.17), (-0.5, 0.3, 0.15), (0.5, 0.3, 0.24), (1.0, 0.0, 0.3))

@@ -6,15 +6,15 @@ import taichi as ti
 import torch
 
 from taichi_sim.config.io import load_world
-from taichi_sim.conventions import GRAVITY, RHO_SEA
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.conventions import GRAVITY, RHO_SEA
 from taichi_sim.kernels.lanes import laned, laned1, laned2
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
-from taichi_sim.sea import Sea
-from taichi_sim.sea.spectrum import Components, wavenumber
-from taichi_sim.usv.hull import water
-from taichi_sim.usv.hull.geometry import Gauge, HullGeometry, wave_points
-from taichi_sim.usv.hull.mesh import WigleyHull
+from taichi_sim.models.usv.hull import water
+from taichi_sim.models.usv.hull.geometry import Gauge, HullGeometry, wave_points
+from taichi_sim.models.usv.hull.mesh import WigleyHull
+from taichi_sim.surroundings.sea import Sea
+from taichi_sim.surroundings.sea.spectrum import Components, wavenumber
 
 pytestmark = pytest.mark.usefixtures("f64")
 

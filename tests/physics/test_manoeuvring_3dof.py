@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.bench import pack_state
+from taichi_sim.applications.bench import pack_state
 from taichi_sim.config import ConfigError, SeaConfig
 from taichi_sim.config.io import config_folder, read_toml
-from taichi_sim.conventions import ANGULAR_VELOCITY, ELEVATION, GRAVITY, POSITION, QUATERNION
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, ELEVATION, GRAVITY, POSITION, QUATERNION
 from taichi_sim.kernels.rotation import torch_euler_from_quaternion, torch_rotation_matrix
-from taichi_sim.sea import Sea
-from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof
+from taichi_sim.models.usv.manoeuvring_3dof import Manoeuvring3dof
+from taichi_sim.surroundings.sea import Sea
 
 RUNS = {
     "surge_decay_u0.5": (0.0, 0.0, 0.0),

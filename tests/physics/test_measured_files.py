@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from taichi_sim.config import ConfigError, SeaConfig
-from taichi_sim.sea.measured import open_spectra, records_of
-from taichi_sim.sea.spectrum import jonswap, spreading
+from taichi_sim.surroundings.sea.measured import open_spectra, records_of
+from taichi_sim.surroundings.sea.spectrum import jonswap, spreading
 
 xarray = pytest.importorskip("xarray")
 pytest.importorskip("wavespectra")

@@ -9,12 +9,26 @@ from physics.conftest import REFERENCE
 
 from taichi_sim.config import ConfigError, SeaConfig
 from taichi_sim.config.base import MissingExtraError
-from taichi_sim.sea import Sea, sea_size
-from taichi_sim.sea.measured import MeasuredSystem, WaveRecord, band_moments, open_spectra, realised, records_of
-from taichi_sim.sea.measured.ndbc import with_cut_off_returned
-from taichi_sim.sea.measured.record import ROOM, band_edges, direction_grid, maximum_entropy, normalised, possible
-from taichi_sim.sea.sampling import draw_components
-from taichi_sim.sea.spectrum import jonswap
+from taichi_sim.surroundings.sea import Sea, sea_size
+from taichi_sim.surroundings.sea.measured import (
+    MeasuredSystem,
+    WaveRecord,
+    band_moments,
+    open_spectra,
+    realised,
+    records_of,
+)
+from taichi_sim.surroundings.sea.measured.ndbc import with_cut_off_returned
+from taichi_sim.surroundings.sea.measured.record import (
+    ROOM,
+    band_edges,
+    direction_grid,
+    maximum_entropy,
+    normalised,
+    possible,
+)
+from taichi_sim.surroundings.sea.sampling import draw_components
+from taichi_sim.surroundings.sea.spectrum import jonswap
 
 pytestmark = pytest.mark.usefixtures("f64")
 BUOY = REFERENCE / "buoys" / "41010.data_spec"

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.bench import pack_state
+from taichi_sim.applications.bench import pack_state
 from taichi_sim.config import AirConfig, ConfigError
-from taichi_sim.usv.mmg import DERIVATIVES
+from taichi_sim.models.usv.mmg import DERIVATIVES
 
 pytestmark = pytest.mark.usefixtures("f64")
 NAME, DT = "kvlcc2", 0.05

@@ -7,11 +7,11 @@ import pytest
 import taichi as ti
 import torch
 
-from taichi_sim.bench import Bench
+from taichi_sim.applications.bench import Bench
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import GRAVITY
-from taichi_sim.uav.multirotor.controller import allocate, allocation, effectiveness
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.kernels.conventions import GRAVITY
+from taichi_sim.models.catalogue import load_vehicle
+from taichi_sim.models.uav.multirotor.controller import allocate, allocation, effectiveness
 
 pytestmark = pytest.mark.usefixtures("f64")
 DT, SUBSTEPS = 0.02, 5

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.bench import Bench
+from taichi_sim.applications.bench import Bench
 from taichi_sim.config import AirConfig, WorldConfig
-from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, VELOCITY
+from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, VELOCITY
 from taichi_sim.kernels.rotation import torch_rotation_matrix
-from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
+from taichi_sim.models.uav.multirotor.multirotor_6dof import Multirotor6DOF
 from taichi_sim.world import World
 from tests.probes import ground_ratios
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.bench import Bench
-from taichi_sim.uav.multirotor.trim import trim
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.applications.bench import Bench
+from taichi_sim.models.catalogue import load_vehicle
+from taichi_sim.models.uav.multirotor.trim import trim
 from tests.probes import ground_ratios, rotor_rates
 
 STATE = ("n", "e", "d", "e0", "e1", "e2", "e3", "u", "v", "w", "p", "q", "r")
@@ -108,7 +108,7 @@ def test_trims_in_wind(reference):
 @pytest.mark.usefixtures("f64")
 def test_hover_and_its_linear_model(reference):
     """Rotor speed, induced velocity; decay, accelerations of a mix of rotors, unstable pair of variant B."""
-    from taichi_sim.uav.multirotor.trim import linear_modes
+    from taichi_sim.models.uav.multirotor.trim import linear_modes
 
     given = json.loads((reference / "multirotor" / "closed_forms_x500.json").read_text())
     model = x500("B")

@@ -5,11 +5,11 @@ import pytest
 import torch
 
 from taichi_sim.config import WorldConfig
-from taichi_sim.film import Picture, moment_of
-from taichi_sim.recording import Recorder
-from taichi_sim.recording.bodies import KEEL, body_mesh
-from taichi_sim.recording.episode import Body
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.models.catalogue import load_vehicle
+from taichi_sim.visualisation.film import Picture, moment_of
+from taichi_sim.visualisation.recording import Recorder
+from taichi_sim.visualisation.recording.bodies import KEEL, body_mesh
+from taichi_sim.visualisation.recording.episode import Body
 from taichi_sim.world import World
 from tools import aircraft
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.conventions import QUATERNION
+from taichi_sim.kernels.conventions import QUATERNION
 from taichi_sim.kernels.rotation import torch_euler_from_quaternion
 
 pytestmark = pytest.mark.usefixtures("f64")

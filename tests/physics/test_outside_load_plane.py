@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from taichi_sim.config import SeaConfig
-from taichi_sim.conventions import ANGULAR_VELOCITY, QUATERNION, VELOCITY
+from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, QUATERNION, VELOCITY
 from taichi_sim.kernels.rotation import torch_rotation_matrix
-from taichi_sim.sea import Sea
+from taichi_sim.surroundings.sea import Sea
 
 pytestmark = pytest.mark.usefixtures("f64")
 FREE = {

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.bench import pack_state
-from taichi_sim.usv.hull.motion import CONTROLS
+from taichi_sim.applications.bench import pack_state
+from taichi_sim.models.usv.hull.motion import CONTROLS
 
 pytestmark = pytest.mark.usefixtures("f64")
 DT, ENVS = 1e-8, 12  # s

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from taichi_sim.config import SeaConfig, SwellConfig
-from taichi_sim.conventions import GRAVITY, RHO_SEA
-from taichi_sim.sea import Sea
-from taichi_sim.sea.spectrum import Components
+from taichi_sim.kernels.conventions import GRAVITY, RHO_SEA
+from taichi_sim.surroundings.sea import Sea
+from taichi_sim.surroundings.sea.spectrum import Components
 
 pytestmark = pytest.mark.usefixtures("f64")
 STEP = 1e-3  # m and s, of central differences

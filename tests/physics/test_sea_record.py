@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from taichi_sim.config import SeaConfig
-from taichi_sim.sea import Sea, sea_size
-from taichi_sim.sea.spectrum import jonswap, spectral_moment
+from taichi_sim.surroundings.sea import Sea, sea_size
+from taichi_sim.surroundings.sea.spectrum import jonswap, spectral_moment
 
 pytestmark = pytest.mark.usefixtures("f64")
 DURATION, INTERVAL = 3600.0, 0.25  # s

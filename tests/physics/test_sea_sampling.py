@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from taichi_sim.config import SeaConfig, SwellConfig
-from taichi_sim.conventions import GRAVITY
-from taichi_sim.sea import spectrum
-from taichi_sim.sea.sampling import WaveSystem, draw_components
-from taichi_sim.sea.sea import wave_systems
+from taichi_sim.kernels.conventions import GRAVITY
+from taichi_sim.surroundings.sea import spectrum
+from taichi_sim.surroundings.sea.sampling import WaveSystem, draw_components
+from taichi_sim.surroundings.sea.sea import wave_systems
 
 WIND_SEA = WaveSystem(partial(spectrum.jonswap, hs=2.0, tp=7.0), 2.0, 7.0, 0.5, 10.0, 16)
 SWELL = WaveSystem(partial(spectrum.jonswap, hs=1.5, tp=12.0, gamma_js=5.0), 1.5, 12.0, -1.0, 50.0, 8)

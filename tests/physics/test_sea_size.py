@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from taichi_sim.config import SeaConfig
-from taichi_sim.conventions import GRAVITY
-from taichi_sim.sea import sea_size
-from taichi_sim.sea.spectrum import pierson_moskowitz, spectral_moment
-from taichi_sim.sea.wind_sea import developed_period, developed_sea, growing_sea, wind_19_5
+from taichi_sim.kernels.conventions import GRAVITY
+from taichi_sim.surroundings.sea import sea_size
+from taichi_sim.surroundings.sea.spectrum import pierson_moskowitz, spectral_moment
+from taichi_sim.surroundings.sea.wind_sea import developed_period, developed_sea, growing_sea, wind_19_5
 
 WINDS = (3.0, 10.0, 25.0)  # m/s at 10 m
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.air import Wind
-from taichi_sim.air.wind import mean_wind
 from taichi_sim.config import AirConfig, ConfigError, CurrentConfig, SeaConfig
 from taichi_sim.config.columns import missing_mark
 from taichi_sim.config.series import read_series
-from taichi_sim.sea import Current
+from taichi_sim.surroundings.air import Wind
+from taichi_sim.surroundings.air.wind import mean_wind
+from taichi_sim.surroundings.sea import Current
 from taichi_sim.world import World
 
 pytestmark = pytest.mark.usefixtures("f64")

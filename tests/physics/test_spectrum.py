@@ -5,9 +5,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from taichi_sim.conventions import GRAVITY
-from taichi_sim.sea import spectrum
-from taichi_sim.sea import wind_sea as wmo
+from taichi_sim.kernels.conventions import GRAVITY
+from taichi_sim.surroundings.sea import spectrum
+from taichi_sim.surroundings.sea import wind_sea as wmo
 
 
 @pytest.fixture

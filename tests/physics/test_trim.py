@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from taichi_sim.config.io import config_folder, read_toml, validate
-from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, QUATERNION, VELOCITY
-from taichi_sim.uav.fixed_wing.equations import rhs
-from taichi_sim.uav.fixed_wing.params import FixedWingParams
-from taichi_sim.uav.fixed_wing.trim import Mode, TrimError, linear_modes, rk4_limit, trim
+from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, GRAVITY, QUATERNION, VELOCITY
+from taichi_sim.models.uav.fixed_wing.equations import rhs
+from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
+from taichi_sim.models.uav.fixed_wing.trim import Mode, TrimError, linear_modes, rk4_limit, trim
 
 pytestmark = pytest.mark.usefixtures("f64")
 DRAG = {"A_mavsim_verbatim_CDp0": {"C_D_p": 0.0, "C_D_delta_e": 0.0135}, "B_CDp0.043_CDde0": {}}

@@ -7,9 +7,9 @@ import pytest
 import taichi as ti
 import torch
 
-from taichi_sim.air.turbulence import HIGHEST, LOWEST, STATES, gust_n
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import TURBULENCE, normal6
+from taichi_sim.surroundings.air.turbulence import HIGHEST, LOWEST, STATES, gust_n
 from tests.probes import dryden_gust, dryden_matrices, dryden_scales, dryden_step
 
 pytestmark = pytest.mark.usefixtures("precision")

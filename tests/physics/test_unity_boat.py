@@ -3,10 +3,10 @@ import pytest
 import torch
 
 from taichi_sim.config import SeaConfig
-from taichi_sim.conventions import ELEVATION, GRAVITY
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.conventions import ELEVATION, GRAVITY
 from taichi_sim.kernels.rotation import torch_rotation_matrix
-from taichi_sim.sea import Sea
+from taichi_sim.surroundings.sea import Sea
 
 AHEAD, COAST = [1.0, 0.0], [-1.0, 0.0]  # actions: full force, none
 DRY = {"pitch_factor": 0.0, "roll_factor": 0.0, "buoyancy_stiffness": 0.0, "buoyancy_damping": 0.0}

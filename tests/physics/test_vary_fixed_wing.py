@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.bench import Bench
+from taichi_sim.applications.bench import Bench
 from taichi_sim.config import AirConfig
-from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, VELOCITY
+from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, GRAVITY, VELOCITY
 from taichi_sim.kernels.rotation import torch_rotation_matrix
-from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
-from taichi_sim.uav.fixed_wing.params import VARYING
+from taichi_sim.models.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
+from taichi_sim.models.uav.fixed_wing.params import VARYING
 
 pytestmark = pytest.mark.usefixtures("f64")
 DT, SUBSTEPS, STEPS = 0.02, 5, 40

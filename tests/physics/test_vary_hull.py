@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from taichi_sim.config import AirConfig, SeaConfig
-from taichi_sim.sea import Sea
-from taichi_sim.usv.hull.params import ADDED_MASS, AREAS, CG, DECK_FRICTION, GAINS, LAG, LINEAR, MASS, QUADRATIC
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.models.catalogue import load_vehicle
+from taichi_sim.models.usv.hull.params import ADDED_MASS, AREAS, CG, DECK_FRICTION, GAINS, LAG, LINEAR, MASS, QUADRATIC
+from taichi_sim.surroundings.sea import Sea
 
 pytestmark = pytest.mark.usefixtures("f64")
 STEPS, HELD = 40, 5  # of 0.1 s; steps for which an action is held

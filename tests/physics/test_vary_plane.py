@@ -9,10 +9,10 @@ import pytest
 import torch
 
 from taichi_sim.config import AirConfig, SeaConfig
-from taichi_sim.sea import Sea
-from taichi_sim.uav.unity_aircraft import UnityAircraft
-from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof
-from taichi_sim.usv.unity_boat import UnityBoat
+from taichi_sim.models.uav.unity_aircraft import UnityAircraft
+from taichi_sim.models.usv.manoeuvring_3dof import Manoeuvring3dof
+from taichi_sim.models.usv.unity_boat import UnityBoat
+from taichi_sim.surroundings.sea import Sea
 
 pytestmark = pytest.mark.usefixtures("f64")
 # Every number counts: none is zero, and all three forces are commanded.

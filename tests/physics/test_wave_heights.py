@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from taichi_sim.config import SeaConfig
-from taichi_sim.conventions import GRAVITY
-from taichi_sim.sea import Sea
+from taichi_sim.kernels.conventions import GRAVITY
+from taichi_sim.surroundings.sea import Sea
 
 pytestmark = [pytest.mark.usefixtures("f64"), pytest.mark.slow]
 HS, TP = 2.0, 9.0

@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from taichi_sim.config import SeaConfig, SwellConfig
-from taichi_sim.conventions import GRAVITY, RHO_SEA
-from taichi_sim.sea import Sea, SteepSeaError
-from taichi_sim.sea.spectrum import Components
+from taichi_sim.kernels.conventions import GRAVITY, RHO_SEA
+from taichi_sim.surroundings.sea import Sea, SteepSeaError
+from taichi_sim.surroundings.sea.spectrum import Components
 
 pytestmark = pytest.mark.usefixtures("precision")
 TOLERANCE = {"f64": 1e-9, "f32": 2e-5}  # m, m/s

@@ -5,7 +5,10 @@ import pytest
 import taichi as ti
 import torch
 
-from taichi_sim.air.wind import (
+from taichi_sim.config import AirConfig, ConfigError
+from taichi_sim.config.io import validate
+from taichi_sim.kernels import runtime
+from taichi_sim.surroundings.air.wind import (
     BEAUFORT,
     TWENTY_FEET,
     Wind,
@@ -16,9 +19,6 @@ from taichi_sim.air.wind import (
     wind_factor,
     wind_speed,
 )
-from taichi_sim.config import AirConfig, ConfigError
-from taichi_sim.config.io import validate
-from taichi_sim.kernels import runtime
 
 pytestmark = pytest.mark.usefixtures("precision")
 ROUNDING = {"f64": 1e-14, "f32": 2e-6}

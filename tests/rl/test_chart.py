@@ -12,7 +12,7 @@ from rl.perception.chart import AGE, ASSUMED, P_PP, P_VV, V_NORTH, Chart, TrackN
 from rl.perception.instruments import InstrumentsConfig
 from rl.perception.radio import NEVER, Radio, RadioConfig
 from rl.perception.sightings import UNSEEN, Camera, CameraConfig, Lookout, LookoutConfig, Sighting
-from taichi_sim.conventions import STATE_SIZE
+from taichi_sim.kernels.conventions import STATE_SIZE
 from taichi_sim.kernels.random import Noise
 from taichi_sim.kernels.rotation import DERIVED_SIZE, HEADING_COS, HEADING_SIN, ROTATION, torch_quaternion_from_euler
 

@@ -11,7 +11,7 @@ from small_missions import begin, make, observed, state, still
 from rl.divergence import NotFiniteError
 from rl.missions import load_scenario, make_mission
 from rl.missions.formation.mission import Formation
-from taichi_sim.state import walk
+from taichi_sim.state.snapshot import walk
 
 PLUGIN = Path(__file__).parents[1] / "data" / "plugins" / "buoys.toml"
 

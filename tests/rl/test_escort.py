@@ -26,7 +26,7 @@ from rl.perception.sightings import Sighting
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder
 from taichi_sim.kernels.rotation import HEADING_COS
-from taichi_sim.recording.overlays import Lines, Plot
+from taichi_sim.visualisation.recording.overlays import Lines, Plot
 
 SMALL = ("escort.worlds=8", "sea.realisations=4", "sea.components=6", "episode_duration=40")
 CALM = ("variation=0", "sea.sea_state=1", 'air.turbulence="none"', "obstacles.count=0", "obstacles.moving=0")

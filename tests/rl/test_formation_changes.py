@@ -13,7 +13,7 @@ from rl.guidance.shapes import SHAPES, formation_offsets
 from rl.missions.formation.config import FormationTeam
 from rl.missions.formation.slots import Drawn, Slots
 from rl.perception.sensors import Sensor
-from taichi_sim.conventions import STATE_SIZE
+from taichi_sim.kernels.conventions import STATE_SIZE
 
 ALL = list(SHAPES)
 CHANGING = (

@@ -9,7 +9,7 @@ from gymnasium.utils.passive_env_checker import env_render_passive_checker
 
 from rl.adapters.render import Pictures, tiled
 from rl.missions.escort.mission import Escort
-from taichi_sim.film.moment import TRAIL_POINTS
+from taichi_sim.visualisation.film.moment import TRAIL_POINTS
 
 USV = IDS[0]
 

@@ -13,7 +13,7 @@ from rl.guidance.geometry import DRIFT_SCALE, DRIFT_TIME, OFFSET, RATE, Geometry
 from rl.guidance.geometry import SLOT_SIZE as SIZE
 from rl.guidance.shapes import SHAPES, formation_offsets, lane_half_width
 from rl.perception.due import BEGINS, GOES_ON
-from taichi_sim.conventions import POSITION, STATE_SIZE
+from taichi_sim.kernels.conventions import POSITION, STATE_SIZE
 from taichi_sim.kernels.rotation import DERIVED_SIZE, VELOCITY_N
 
 DOUBLE = torch.float64

@@ -12,9 +12,9 @@ from everything import differences, everything
 
 from rl.mission import Mission
 from rl.missions import load_scenario, make_mission
-from taichi_sim import state
-from taichi_sim.memory import Remembers
-from taichi_sim.state import StateError, Stateful
+from taichi_sim.state import snapshot
+from taichi_sim.state.memory import Remembers
+from taichi_sim.state.snapshot import StateError, Stateful
 from taichi_sim.world import World
 
 PLUGIN = Path(__file__).parents[1] / "data" / "plugins" / "buoys.toml"
@@ -127,7 +127,7 @@ def test_a_snapshot_outlives_its_mission(tmp_path):
     before = Driver(mission, 5).go(12)
     file.seek(0)
     other = begun("otter")
-    other.restore(state.Snapshot(**torch.load(file, weights_only=False)))
+    other.restore(snapshot.Snapshot(**torch.load(file, weights_only=False)))
     assert same(before, Driver(other, 5).go(12))
 
 
@@ -229,13 +229,13 @@ class Buoy(Stateful):
 
 def test_what_is_declared_is_found_and_what_was_forgotten_is_named():
     buoy = Buoy()
-    assert {entry.path.removeprefix("Buoy."): entry.of_env for entry in state.checked(buoy).entries} == {
+    assert {entry.path.removeprefix("Buoy."): entry.of_env for entry in snapshot.checked(buoy).entries} == {
         "place": True, "part.table": True, "rng": False, "drawn": False, "nested['x']": True, "nested['n']": False,
         "nested['parts'][0].table": True,
     }  # fmt: skip
     buoy.place, buoy.drawn, buoy.way = buoy.place + 1, 1, torch.ones(3)
     buoy.part.table[0] = buoy.way[0] = 2.0  # views of what is declared, too
-    state.checked(buoy)
+    snapshot.checked(buoy)
 
     def again(buoy):
         buoy.limit = torch.zeros(2)
@@ -265,7 +265,7 @@ def test_what_is_declared_is_found_and_what_was_forgotten_is_named():
         buoy = Buoy()
         with pytest.raises(StateError, match=told):
             forget(buoy)
-            state.checked(buoy)
+            snapshot.checked(buoy)
 
 
 def test_a_mission_that_declares_nothing_works_until_it_keeps_something():
@@ -315,7 +315,7 @@ def test_what_cannot_be_is_refused_and_nothing_is_written(monkeypatch):
     for told, call in wrong.items():
         with pytest.raises(StateError, match=told):
             call()
-    monkeypatch.setattr(state, "_free_memory", lambda: 1e6)
+    monkeypatch.setattr(snapshot, "_free_memory", lambda: 1e6)
     with pytest.raises(StateError, match=r"100000 environments would take about \d.* GiB of memory; 0\.0 GiB are free"):
         mission.fork([0], 100_000)
     assert not differences(everywhere, everything(mission))

@@ -11,12 +11,12 @@ import torch
 from rl.evaluation.episodes import one_episode_each
 from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario
-from taichi_sim.bench import Bench
+from taichi_sim.applications.bench import Bench
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import find_config
-from taichi_sim.conventions import STATE_SIZE
 from taichi_sim.fleet import Fleet
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.kernels.conventions import STATE_SIZE
+from taichi_sim.models.catalogue import load_vehicle
 from tools import simulators, transfer
 
 SMALL = (

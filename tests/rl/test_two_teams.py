@@ -7,7 +7,7 @@ import torch
 
 from rl.mission import Mission
 from rl.missions import load_scenario, make_mission
-from taichi_sim.memory import StateError
+from taichi_sim.state.memory import StateError
 
 FILE = Path(__file__).parents[1] / "data" / "plugins" / "shadow.toml"
 

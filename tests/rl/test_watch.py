@@ -13,7 +13,7 @@ from rl.learn.env import MissionEnv
 from rl.learn.policy import checkpoints
 from rl.runs import watch as watching
 from rl.runs.watch import TrainingView
-from taichi_sim.recording.live import Live
+from taichi_sim.visualisation.recording.live import Live
 
 
 @pytest.fixture

@@ -11,13 +11,13 @@ import re
 import numpy as np
 import torch
 
-from taichi_sim.bench import Bench
-from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, VELOCITY
+from taichi_sim.applications.bench import Bench
+from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, VELOCITY
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
-from taichi_sim.uav.fixed_wing.equations import loads
-from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
-from taichi_sim.uav.fixed_wing.params import FixedWingParams
-from taichi_sim.uav.fixed_wing.trim import Trim, linear_modes, trim
+from taichi_sim.models.uav.fixed_wing.equations import loads
+from taichi_sim.models.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
+from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
+from taichi_sim.models.uav.fixed_wing.trim import Trim, linear_modes, trim
 from tests.validation.aerosonde_numbers import parameters
 from tests.validation.case import Case
 from tests.validation.inputs import check_air, check_start, check_way, wind_of

@@ -4,8 +4,8 @@ import math
 from pathlib import Path
 
 from taichi_sim.config.io import validate
-from taichi_sim.conventions import GRAVITY
-from taichi_sim.uav.fixed_wing.params import FixedWingParams
+from taichi_sim.kernels.conventions import GRAVITY
+from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
 from tests.validation.case import Case
 from tests.validation.tables import TableError, number, read_toml
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from taichi_sim.config.io import validate
-from taichi_sim.conventions import RHO_SEA
-from taichi_sim.usv.hull.mesh import BoxHull
-from taichi_sim.usv.hull.params import Hull6DofParams
+from taichi_sim.kernels.conventions import RHO_SEA
+from taichi_sim.models.usv.hull.mesh import BoxHull
+from taichi_sim.models.usv.hull.params import Hull6DofParams
 from tests.validation.case import Case
 from tests.validation.parameters import only, shipped
 from tests.validation.tables import TableError, number, read_json

@@ -23,9 +23,9 @@ import numpy as np
 
 from taichi_sim.config import ConfigError, SeaConfig
 from taichi_sim.config.files import ndbc_set
-from taichi_sim.sea import Sea
-from taichi_sim.sea.measured import SpectraFile, band_moments, open_spectra, realised, records_of
-from taichi_sim.sea.measured.ndbc import is_ndbc, read_part
+from taichi_sim.surroundings.sea import Sea
+from taichi_sim.surroundings.sea.measured import SpectraFile, band_moments, open_spectra, realised, records_of
+from taichi_sim.surroundings.sea.measured.ndbc import is_ndbc, read_part
 from tests.validation.case import Case
 from tests.validation.tables import InputsMissingError, TableError
 

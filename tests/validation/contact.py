@@ -1,4 +1,4 @@
-"""Checks of contact (taichi_sim/contact/) against closed forms: contact_closed_forms*.json.
+"""Checks of contact (taichi_sim/models/contact/) against closed forms: contact_closed_forms*.json.
 
 Keys, each a list of objects but for `tip_over`, all optional: `leg` (m_kg, k_N_m, c_N_s_m of all legs together,
 touch_speed_m_s, max_sink_m, sink_at_t, lift_off_t_s), `block_on_tilted_deck` (mu, deck_tilt_deg, state,
@@ -18,16 +18,16 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from taichi_sim.bench import calm_sea
+from taichi_sim.applications.bench import calm_sea
 from taichi_sim.config import Strict
-from taichi_sim.contact.contacts import Contacts
-from taichi_sim.contact.parts import Deck, Legs
-from taichi_sim.conventions import GRAVITY, VELOCITY
 from taichi_sim.fleet import Fleet
+from taichi_sim.kernels.conventions import GRAVITY, VELOCITY
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
-from taichi_sim.surroundings import Surroundings
-from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
-from taichi_sim.uav.multirotor.params import MultirotorParams
+from taichi_sim.models.contact.contacts import Contacts
+from taichi_sim.models.contact.parts import Deck, Legs
+from taichi_sim.models.uav.multirotor.multirotor_6dof import Multirotor6DOF
+from taichi_sim.models.uav.multirotor.params import MultirotorParams
+from taichi_sim.surroundings.around_vehicles import Surroundings
 from taichi_sim.vehicle import Vehicle
 from tests.validation.case import Case
 from tests.validation.multirotor import parameters

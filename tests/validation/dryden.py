@@ -1,4 +1,5 @@
-"""Checks of taichi_sim.air: Dryden turbulence, through the matrices of the kernels' own step, and the mean wind."""
+"""Checks of taichi_sim.surroundings.air: Dryden turbulence, through the matrices of the kernels' own step, and the mean
+wind."""
 
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false
@@ -9,9 +10,9 @@ import numpy as np
 import taichi as ti
 import torch
 
-from taichi_sim.air.turbulence import LOWEST, STATES
-from taichi_sim.air.wind import TWENTY_FEET, log_shear, mean_wind_factor
 from taichi_sim.kernels import runtime
+from taichi_sim.surroundings.air.turbulence import LOWEST, STATES
+from taichi_sim.surroundings.air.wind import TWENTY_FEET, log_shear, mean_wind_factor
 from tests.probes import dryden_matrices, dryden_scales
 from tests.validation.case import Case
 from tests.validation.tables import TableError, numbers, read_csv, read_json, records

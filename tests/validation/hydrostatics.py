@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from taichi_sim.conventions import GRAVITY, RHO_SEA
+from taichi_sim.kernels.conventions import GRAVITY, RHO_SEA
 from taichi_sim.kernels.rigid_body import rigid_body_mass
-from taichi_sim.sea import Sea
-from taichi_sim.sea.spectrum import Components
-from taichi_sim.usv.hull.hydrostatics import Hydrostatics
-from taichi_sim.usv.hull.mesh import mesh
+from taichi_sim.models.usv.hull.hydrostatics import Hydrostatics
+from taichi_sim.models.usv.hull.mesh import mesh
+from taichi_sim.surroundings.sea import Sea
+from taichi_sim.surroundings.sea.spectrum import Components
 from tests.validation.box import Box, box_of
 from tests.validation.case import TOLERANCE, Case
 from tests.validation.tables import number, read_csv, read_json

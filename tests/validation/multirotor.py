@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 import torch
 
-from taichi_sim.bench import Bench
+from taichi_sim.applications.bench import Bench
 from taichi_sim.config.io import validate
-from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, STATE_SIZE, VELOCITY
+from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, STATE_SIZE, VELOCITY
 from taichi_sim.kernels.rotation import torch_rotation_matrix
-from taichi_sim.uav.multirotor.controller import allocation
-from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
-from taichi_sim.uav.multirotor.params import MultirotorParams
-from taichi_sim.uav.multirotor.trim import MultirotorLinearModel, linear_modes, trim
+from taichi_sim.models.uav.multirotor.controller import allocation
+from taichi_sim.models.uav.multirotor.multirotor_6dof import Multirotor6DOF
+from taichi_sim.models.uav.multirotor.params import MultirotorParams
+from taichi_sim.models.uav.multirotor.trim import MultirotorLinearModel, linear_modes, trim
 from tests.probes import ground_ratios, rotor_rates
 from tests.validation.case import Case
 from tests.validation.inputs import check_way

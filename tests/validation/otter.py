@@ -15,12 +15,12 @@ import numpy as np
 import taichi as ti
 import torch
 
-from taichi_sim.bench import Bench, pack_state
+from taichi_sim.applications.bench import Bench, pack_state
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import torch_rotation_matrix
-from taichi_sim.usv.hull import motion as hull_motion
-from taichi_sim.usv.hull.motion import CONTROLS
-from taichi_sim.usv.hull.params import Hull6DofParams
+from taichi_sim.models.usv.hull import motion as hull_motion
+from taichi_sim.models.usv.hull.motion import CONTROLS
+from taichi_sim.models.usv.hull.params import Hull6DofParams
 from tests.validation.case import Case
 from tests.validation.inputs import check_start
 from tests.validation.otter_numbers import current, model, parameters, shaft_command

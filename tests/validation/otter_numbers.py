@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from taichi_sim.config.io import validate
-from taichi_sim.usv.hull.hull_6dof import Hull6Dof, Hull6DofParams
+from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof, Hull6DofParams
 from tests.validation.case import Case
 from tests.validation.parameters import published, refined, shipped
 from tests.validation.tables import TableError, number

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from taichi_sim.usv.hull.hull_6dof import Hull6Dof
-from taichi_sim.usv.hull.params import Hull6DofParams
+from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof
+from taichi_sim.models.usv.hull.params import Hull6DofParams
 from tests.validation.box import SIZE, Box, box_of
 from tests.validation.case import Case
 from tests.validation.parameters import shipped

@@ -6,10 +6,10 @@ linear. When transients have died out, amplitudes and phases are fitted at the w
 
 import numpy as np
 
-from taichi_sim.bench import Bench
-from taichi_sim.sea import Sea
-from taichi_sim.sea.spectrum import Components, wavenumber
-from taichi_sim.usv.hull.hull_6dof import Hull6Dof
+from taichi_sim.applications.bench import Bench
+from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof
+from taichi_sim.surroundings.sea import Sea
+from taichi_sim.surroundings.sea.spectrum import Components, wavenumber
 
 STEEPNESS = 2e-4  # k a of every wave, for single precision
 GENTLE = 5e-5  # for double: a box turns by second-order moments while transients die out

@@ -19,11 +19,11 @@ import numpy as np
 
 from taichi_sim.config.base import MissingExtraError
 from taichi_sim.config.io import config_folder, read_toml, validate
-from taichi_sim.conventions import GRAVITY
-from taichi_sim.usv.hull.database import SUFFIX, HydroDatabase
-from taichi_sim.usv.hull.hull_6dof import Hull6Dof
-from taichi_sim.usv.hull.params import Hull6DofParams
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.kernels.conventions import GRAVITY
+from taichi_sim.models.catalogue import load_vehicle
+from taichi_sim.models.usv.hull.database import SUFFIX, HydroDatabase
+from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof
+from taichi_sim.models.usv.hull.params import Hull6DofParams
 from tests.validation.case import Case
 from tests.validation.tables import InputsMissingError, TableError, number, read_csv, read_json
 
@@ -131,8 +131,8 @@ def _made(case: Case, name: str) -> tuple[HydroDatabase, Hull6DofParams]:
     panels, meta = (case.path.with_name(name + end) for end in ("_half_hull_panels.csv", "_meta.json"))
     if not panels.is_file():
         raise InputsMissingError(f"inputs missing: neither {name}{SUFFIX} nor {panels.name}")
-    from taichi_sim.hydro import floating_hull
-    from taichi_sim.hydro.wetted_surface import turned_matrix
+    from taichi_sim.applications.hydro import floating_hull
+    from taichi_sim.applications.hydro.wetted_surface import turned_matrix
 
     data = read_json(case.folder.use(meta))
     M = turned_matrix(matrix(data, "M"))
@@ -159,9 +159,9 @@ def _made(case: Case, name: str) -> tuple[HydroDatabase, Hull6DofParams]:
 
 
 def _compute(case: Case, name: str, craft: Any, surface: Any, data: Any, floating: Hull6Dof, kept: Path) -> None:
-    from taichi_sim.hydro import make_database
-    from taichi_sim.hydro.complete_database import completed
-    from taichi_sim.hydro.frequency_sweep import require_capytaine
+    from taichi_sim.applications.hydro import make_database
+    from taichi_sim.applications.hydro.complete_database import completed
+    from taichi_sim.applications.hydro.frequency_sweep import require_capytaine
 
     try:
         code = require_capytaine()

@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from taichi_sim.usv.hull.database import HydroDatabase
-from taichi_sim.usv.hull.radiation import cubic
+from taichi_sim.models.usv.hull.database import HydroDatabase
+from taichi_sim.models.usv.hull.radiation import cubic
 from tests.validation.case import Case
 from tests.validation.regular import motions
 from tests.validation.remembering import database_of, external_damping, hull_of, matrix, slowest_decay

@@ -1,13 +1,14 @@
-"""Checks of taichi_sim.sea.spectrum and sea_state: dispersion, spectra, moments, spreading (NumPy, f64)."""
+"""Checks of taichi_sim.surroundings.sea.spectrum and sea_state: dispersion, spectra, moments, spreading (NumPy,
+f64)."""
 
 import re
 from functools import partial
 
 import numpy as np
 
-from taichi_sim.conventions import AMPLITUDE, BX
-from taichi_sim.sea import Sea
-from taichi_sim.sea.spectrum import (
+from taichi_sim.kernels.conventions import AMPLITUDE, BX
+from taichi_sim.surroundings.sea import Sea
+from taichi_sim.surroundings.sea.spectrum import (
     Components,
     encounter_frequency,
     group_speed,
@@ -18,7 +19,7 @@ from taichi_sim.sea.spectrum import (
     spreading,
     wavenumber,
 )
-from taichi_sim.sea.wind_sea import sea_state_range
+from taichi_sim.surroundings.sea.wind_sea import sea_state_range
 from tests.validation.case import Case
 from tests.validation.tables import TableError, number, numbers, read_csv, read_json, records
 

@@ -1,10 +1,10 @@
-"""Checks of taichi_sim.sea.Sea: the Gerstner surface and the linear water under it, in f64 and f32."""
+"""Checks of taichi_sim.surroundings.sea.Sea: the Gerstner surface and the linear water under it, in f64 and f32."""
 
 import numpy as np
 
-from taichi_sim.conventions import GRAVITY, RHO_SEA
-from taichi_sim.sea import Sea
-from taichi_sim.sea.spectrum import Components, wavenumber
+from taichi_sim.kernels.conventions import GRAVITY, RHO_SEA
+from taichi_sim.surroundings.sea import Sea
+from taichi_sim.surroundings.sea.spectrum import Components, wavenumber
 from tests.validation.case import TOLERANCE, Case
 from tests.validation.tables import Table, TableError, number, numbers, read_csv, read_json, records
 

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from taichi_sim.bench import Bench
-from taichi_sim.conventions import QUATERNION
+from taichi_sim.applications.bench import Bench
+from taichi_sim.kernels.conventions import QUATERNION
 from taichi_sim.kernels.rotation import torch_rotation_matrix
-from taichi_sim.uav.unity_aircraft import INCREMENT, UnityAircraft, UnityAircraftParams
-from taichi_sim.usv.unity_boat import UnityBoat, UnityBoatParams
+from taichi_sim.models.uav.unity_aircraft import INCREMENT, UnityAircraft, UnityAircraftParams
+from taichi_sim.models.usv.unity_boat import UnityBoat, UnityBoatParams
 from tests.validation.case import Case
 from tests.validation.tables import Table, TableError, number, read_csv, read_toml
 

@@ -5,11 +5,11 @@ Numbers come from wamv.toml of the reference directory, else from the shipped ve
 
 import numpy as np
 
-from taichi_sim.bench import Bench
+from taichi_sim.applications.bench import Bench
 from taichi_sim.config.io import validate
-from taichi_sim.usv.hull.hull_6dof import Hull6Dof, Hull6DofParams
-from taichi_sim.usv.hull.hydrostatics import Hydrostatics
-from taichi_sim.usv.hull.mesh import TwinPontoons, mesh
+from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof, Hull6DofParams
+from taichi_sim.models.usv.hull.hydrostatics import Hydrostatics
+from taichi_sim.models.usv.hull.mesh import TwinPontoons, mesh
 from tests.validation.case import TOLERANCE, Case
 from tests.validation.parameters import published, shipped
 from tests.validation.tables import even_interval, number, read_csv

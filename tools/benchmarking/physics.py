@@ -6,12 +6,12 @@ from typing import Any
 
 import torch
 
-from taichi_sim.bench import Bench
+from taichi_sim.applications.bench import Bench
 from taichi_sim.config import AirConfig, WorldConfig
 from taichi_sim.config.io import read_toml
-from taichi_sim.usv.hull.hull_6dof import Hull6Dof
+from taichi_sim.models.catalogue import find_model, load_vehicle, shipped_vehicles
+from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.vehicle import DEFAULT_STEP, Vehicle
-from taichi_sim.vehicles import find_model, load_vehicle, shipped_vehicles
 from tools.benchmarking.timing import Case
 
 COMPONENTS = (16, 32)

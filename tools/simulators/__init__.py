@@ -18,19 +18,19 @@ import torch
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from taichi_sim.bench import pack_state
+from taichi_sim.applications.bench import pack_state
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import GRAVITY, POSITION, QUATERNION, STATE_SIZE, VELOCITY
 from taichi_sim.fleet import Fleet
+from taichi_sim.kernels.conventions import GRAVITY, POSITION, QUATERNION, STATE_SIZE, VELOCITY
 from taichi_sim.kernels.packs import FleetPack
 from taichi_sim.kernels.rotation import rotation_matrix, torch_euler_from_quaternion
-from taichi_sim.surroundings import Surroundings
-from taichi_sim.uav.fixed_wing.fixed_wing_6dof import DEFLECTIONS, READINGS, STALL_TIME, TIME, FixedWing6DOF
-from taichi_sim.uav.multirotor import instruments
-from taichi_sim.uav.multirotor.controller import heading_rate, specific_thrust, velocity_wanted
-from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
-from taichi_sim.usv.hull import thruster_set
-from taichi_sim.usv.hull.hull_6dof import Hull6Dof
+from taichi_sim.models.uav.fixed_wing.fixed_wing_6dof import DEFLECTIONS, READINGS, STALL_TIME, TIME, FixedWing6DOF
+from taichi_sim.models.uav.multirotor import instruments
+from taichi_sim.models.uav.multirotor.controller import heading_rate, specific_thrust, velocity_wanted
+from taichi_sim.models.uav.multirotor.multirotor_6dof import Multirotor6DOF
+from taichi_sim.models.usv.hull import thruster_set
+from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof
+from taichi_sim.surroundings.around_vehicles import Surroundings
 from taichi_sim.vehicle import Vehicle
 from tools.simulators import jsbsim_plane
 
@@ -40,7 +40,7 @@ PUBLISHED = "https://github.com/cybergalactic/PythonVehicleSimulator"
 
 class Simulator:
     """The contract of a simulator that moves vehicles in the place of our model. NED, b, SI, radians
-    (taichi_sim/conventions.py).
+    (taichi_sim/kernels/conventions.py).
 
     Attributes:
         model: our model of the vehicles.

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import GRAVITY
+from taichi_sim.kernels.conventions import GRAVITY
 
 FOOT = 0.3048  # m
 STEP = 1.0 / 120.0  # s, JSBSim's usual step, at most

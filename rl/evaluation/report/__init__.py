@@ -26,7 +26,7 @@ def write_report(folders: Sequence[Path], out: Path | None = None) -> Path:
     """
     from rl.evaluation.report.about import about, curves, figures, possible, sweeps  # matplotlib takes a second
     from rl.evaluation.report.episodes import collisions, shown_episodes
-    from taichi_sim.plotting.page import beside, page, paragraph, photograph, section, style
+    from taichi_sim.visualisation.plotting.page import beside, page, paragraph, photograph, section, style
 
     runs = [read_run(folder) for folder in folders]
     other = runs[1] if len(runs) > 1 else None

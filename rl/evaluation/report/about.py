@@ -15,8 +15,8 @@ from rl.evaluation.sweeps import AxisTable, CellRow, SweepTable, named, value_te
 from rl.figures import LOSS, REWARD, draw_axes, draw_checkups, draw_iterations, judged
 from rl.runs.folder import LANES, StageResult, resuming, was_lanes
 from taichi_sim.config.io import toml_text
-from taichi_sim.plotting import log_where_spread
-from taichi_sim.plotting.page import COLOURS, blank, folded, missing, panel, paragraph, svg, table, text
+from taichi_sim.visualisation.plotting import log_where_spread
+from taichi_sim.visualisation.plotting.page import COLOURS, blank, folded, missing, panel, paragraph, svg, table, text
 
 NOTHING = "-"
 FEW = 8  # up to this many values get a tick each

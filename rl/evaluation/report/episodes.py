@@ -8,10 +8,10 @@ from matplotlib.patches import Circle
 
 from rl.evaluation.episode_log import BEFORE, Crash, Excerpt, TeamLog
 from rl.evaluation.store import Run, recording_name
-from taichi_sim.conventions import EAST, NORTH
-from taichi_sim.plotting import INK, rgb
-from taichi_sim.plotting.page import FAINT, beside, blank, missing, panel, paragraph, svg, text
-from taichi_sim.recording.palette import ALARM, OBSTACLE, liveries
+from taichi_sim.kernels.conventions import EAST, NORTH
+from taichi_sim.visualisation.plotting import INK, rgb
+from taichi_sim.visualisation.plotting.page import FAINT, beside, blank, missing, panel, paragraph, svg, text
+from taichi_sim.visualisation.recording.palette import ALARM, OBSTACLE, liveries
 
 MARGIN = 60.0  # m around the motion on a map
 LINE = {"water": "-", "air": "--"}

@@ -10,11 +10,11 @@ from rl.guidance.controllers.fixed_wing_6dof import FixedWing6DofController
 from rl.guidance.controllers.unity import UnityAircraftController, UnityBoatController
 from rl.guidance.controllers.vessel import Hull6DofController, Manoeuvring3dofController
 from taichi_sim.config.io import validate
-from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
-from taichi_sim.uav.unity_aircraft import UnityAircraft
-from taichi_sim.usv.hull.hull_6dof import Hull6Dof
-from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof
-from taichi_sim.usv.unity_boat import UnityBoat
+from taichi_sim.models.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
+from taichi_sim.models.uav.unity_aircraft import UnityAircraft
+from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof
+from taichi_sim.models.usv.manoeuvring_3dof import Manoeuvring3dof
+from taichi_sim.models.usv.unity_boat import UnityBoat
 from taichi_sim.vehicle import Vehicle
 
 CONTROLLERS: dict[type[Vehicle], type[SlotController]] = {

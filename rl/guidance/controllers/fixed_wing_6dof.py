@@ -31,9 +31,9 @@ from rl.guidance.geometry import approach, into, turning
 from rl.guidance.knowledge import Knowledge
 from rl.team import ControllerError
 from taichi_sim.config import Positive
-from taichi_sim.conventions import DOWN, GRAVITY
-from taichi_sim.uav.fixed_wing.fixed_wing_6dof import READINGS, FixedWing6DOF
-from taichi_sim.uav.fixed_wing.gains import ZETA, behind
+from taichi_sim.kernels.conventions import DOWN, GRAVITY
+from taichi_sim.models.uav.fixed_wing.fixed_wing_6dof import READINGS, FixedWing6DOF
+from taichi_sim.models.uav.fixed_wing.gains import ZETA, behind
 
 BRAKING = 1.0  # m/s^2, deceleration along: less than the drag at idle throttle; assumed
 EVADING = 1e-3  # m/s: less of a change by avoidance is rounding

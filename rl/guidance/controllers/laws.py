@@ -6,7 +6,7 @@
 import taichi as ti
 import taichi.math as tm
 
-from taichi_sim.conventions import EAST, GRAVITY, NORTH
+from taichi_sim.kernels.conventions import EAST, GRAVITY, NORTH
 
 LAW = 100.0  # ns per vehicle, about
 

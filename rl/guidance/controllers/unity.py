@@ -32,13 +32,13 @@ from rl.guidance.geometry import COURSE_RATE, ERROR, ERROR_RATE, SLOT_VELOCITY, 
 from rl.guidance.geometry import V as VELOCITY
 from rl.guidance.knowledge import Knowledge, KnownPack, TeamKernel
 from taichi_sim.config import Positive
-from taichi_sim.conventions import DOWN, EAST, NORTH, ROLL_RATE
 from taichi_sim.kernels.abreast import taken
+from taichi_sim.kernels.conventions import DOWN, EAST, NORTH, ROLL_RATE
 from taichi_sim.kernels.packs import values_at
 from taichi_sim.kernels.rotation import HEADING_COS
 from taichi_sim.kernels.runtime import array3
-from taichi_sim.uav.unity_aircraft import DEG, UnityAircraft
-from taichi_sim.usv.unity_boat import UnityBoat
+from taichi_sim.models.uav.unity_aircraft import DEG, UnityAircraft
+from taichi_sim.models.usv.unity_boat import UnityBoat
 
 SPEED_SHARE = 0.95  # largest desired speed, as a share of the top speed; assumed
 MAX_CLIMB = math.radians(60.0)  # of an aircraft's nose: yaw means little near the vertical; assumed

@@ -31,16 +31,16 @@ from rl.guidance.geometry import V as VELOCITY
 from rl.guidance.knowledge import Knowledge, KnownPack, TeamKernel
 from rl.team import ControllerError
 from taichi_sim.config import NonNegative, Positive
-from taichi_sim.conventions import EAST, NORTH, ROLL_RATE
 from taichi_sim.kernels.abreast import taken
+from taichi_sim.kernels.conventions import EAST, NORTH, ROLL_RATE
 from taichi_sim.kernels.packs import values_at
 from taichi_sim.kernels.rotation import HEADING_COS
 from taichi_sim.kernels.runtime import array3
-from taichi_sim.memory import Remembers
-from taichi_sim.usv.hull.hull_6dof import Hull6Dof
-from taichi_sim.usv.hull.thrusters import PropellerPair
-from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof, Manoeuvring3dofParams
-from taichi_sim.usv.vessel import steady_speed
+from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof
+from taichi_sim.models.usv.hull.thrusters import PropellerPair
+from taichi_sim.models.usv.manoeuvring_3dof import Manoeuvring3dof, Manoeuvring3dofParams
+from taichi_sim.models.usv.vessel import steady_speed
+from taichi_sim.state.memory import Remembers
 
 SAMPLED_SHARE = 0.5  # limit of w times the decision interval; assumed
 COURSE_SHARE = 0.3  # desired bandwidth of the course, as a share of w; assumed

@@ -31,11 +31,11 @@ from rl.perception.sightings import Camera
 from rl.rewards import paid
 from rl.team import Controller, Endings
 from taichi_sim.config.io import validate
-from taichi_sim.conventions import DOWN, QUATERNION, STATE_SIZE
 from taichi_sim.fleet import Views
+from taichi_sim.kernels.conventions import DOWN, QUATERNION, STATE_SIZE
 from taichi_sim.kernels.rotation import DERIVED_SIZE, HEADING_COS, HEADING_SIN, ROTATION, VELOCITY_N
-from taichi_sim.memory import Remembers
-from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
+from taichi_sim.models.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
+from taichi_sim.state.memory import Remembers
 
 SEARCH_PITCH, SEARCH_SPEED = 1.0, 0.5  # of the circle's radius; of the cruising speed, along the spiral; assumed
 SCOUT_SPEED = 25.0  # m/s; assumed

@@ -22,7 +22,7 @@ from rl.perception.sensors import Sensor
 from rl.perception.sightings import Lookout
 from rl.rewards import paid
 from rl.team import Controller, Endings
-from taichi_sim.memory import Remembers
+from taichi_sim.state.memory import Remembers
 
 AGE_SCALE, SIGMA_SCALE = 5.0, 10.0  # s, m at which an observation of a track reaches 1/2
 SEARCH_SPEED = 0.7  # along the spiral, in top speeds; assumed

@@ -43,12 +43,12 @@ from rl.perception.due import NOT_DUE, Due
 from rl.perception.radio import Message
 from rl.perception.sightings import Sighting
 from taichi_sim.config import Positive
-from taichi_sim.conventions import DOWN, ROLL_RATE, SURGE
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import rotation, runtime
 from taichi_sim.kernels.abreast import taken, taken2
+from taichi_sim.kernels.conventions import DOWN, ROLL_RATE, SURGE
 from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
-from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
+from taichi_sim.models.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 
 HEARD_OF = 5.0  # s: older messages of other aircraft are ignored; assumed
 LEAST_SHARE = 0.2  # of the airspeed, the least speed relative to the centre; assumed

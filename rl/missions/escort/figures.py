@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from rl.figures import save_figures, training_figures
 from rl.mission import Histories
 from rl.missions.escort.config import EscortScenario
-from taichi_sim.conventions import EAST, NORTH
-from taichi_sim.plotting import INK, dress, new_figure, rgb
-from taichi_sim.recording import Episode
-from taichi_sim.recording.overlays import Cylinders, Plot
+from taichi_sim.kernels.conventions import EAST, NORTH
+from taichi_sim.visualisation.plotting import INK, dress, new_figure, rgb
+from taichi_sim.visualisation.recording import Episode
+from taichi_sim.visualisation.recording.overlays import Cylinders, Plot
 
 WIDE = 7.6  # inches
 MAP_WIDE, ROOM = 0.9 * WIDE, 1.15  # width of the map; height of titles and labels, inches

@@ -18,8 +18,8 @@ from rl.missions.escort.config import EscortConfig, OrbitConfig
 from rl.missions.escort.parts import Parts
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking
 from rl.perception.sightings import Camera, Sighting
-from taichi_sim.conventions import HORIZONTAL
-from taichi_sim.recording.overlays import Ellipsoids, Lines, Overlay, Plot
+from taichi_sim.kernels.conventions import HORIZONTAL
+from taichi_sim.visualisation.recording.overlays import Ellipsoids, Lines, Overlay, Plot
 
 Frames = Mapping[str, NDArray[np.float64]]
 """Data of the drawings: name -> [frame, ...]."""

@@ -26,9 +26,9 @@ from rl.missions.escort.worlds import afloat, aloft, check_parts, check_slots, d
 from rl.perception.due import Due
 from rl.perception.sightings import Object
 from rl.rewards import fine
-from taichi_sim.conventions import DOWN
 from taichi_sim.kernels import runtime
-from taichi_sim.recording.episode import Episode, Scene
+from taichi_sim.kernels.conventions import DOWN
+from taichi_sim.visualisation.recording.episode import Episode, Scene
 
 VESSEL_TOP = 4.0  # m above the sea: aircraft pass above; assumed
 RESULT_SCALE = 8.0  # m from its slot, at which a boat's result is a half; assumed

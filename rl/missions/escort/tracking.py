@@ -32,7 +32,7 @@ from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
-from taichi_sim.memory import Remembers
+from taichi_sim.state.memory import Remembers
 
 SLOWEST = 0.3  # m/s: the course of a slower vessel is not updated
 CUE_SPEED = 1.5  # m/s, standard deviation of the vessel's velocity at first, each way; assumed

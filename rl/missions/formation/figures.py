@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from rl.figures import save_figures, training_figures
 from rl.mission import Histories
-from taichi_sim.conventions import DOWN, EAST, NORTH
+from taichi_sim.kernels.conventions import DOWN, EAST, NORTH
 from taichi_sim.kernels.rotation import numpy_rotation_matrix
-from taichi_sim.plotting import INK, dress, new_figure, rgb
-from taichi_sim.recording import Episode, TeamTrack
-from taichi_sim.recording.bodies import body_mesh
-from taichi_sim.recording.overlays import Cylinders
-from taichi_sim.recording.palette import OBSTACLE, TARGET, Livery
+from taichi_sim.visualisation.plotting import INK, dress, new_figure, rgb
+from taichi_sim.visualisation.recording import Episode, TeamTrack
+from taichi_sim.visualisation.recording.bodies import body_mesh
+from taichi_sim.visualisation.recording.overlays import Cylinders
+from taichi_sim.visualisation.recording.palette import OBSTACLE, TARGET, Livery
 
 STYLE = {"water": "-", "air": (0, (4, 3))}
 WIDE = {"water": 4.0, "air": 1.6}  # tracks may lie one above the other

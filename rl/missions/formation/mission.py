@@ -22,10 +22,10 @@ from rl.perception.contacts import SensorsConfig
 from rl.perception.due import Due
 from rl.planning.planner import write_obstacles_as_bodies
 from taichi_sim.config import AirConfig, SeaConfig
-from taichi_sim.conventions import DOWN
 from taichi_sim.kernels import runtime
-from taichi_sim.recording.episode import Episode, Scene
-from taichi_sim.state import transfer
+from taichi_sim.kernels.conventions import DOWN
+from taichi_sim.state.snapshot import transfer
+from taichi_sim.visualisation.recording.episode import Episode, Scene
 
 CALM = {"hs": 0.0, "tp": 4.0, "components": 1, "realisations": 1}  # sea of the honest planner's model
 

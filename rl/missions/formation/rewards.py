@@ -15,8 +15,8 @@ from rl.perception.sensors import Mate, Obstacle, Sensor
 from rl.rewards import action_rate, clearance, coarse, fine, paid, penalty
 from rl.step import Endings
 from taichi_sim.config import NonNegative, Positive, Strict
-from taichi_sim.conventions import EAST, NORTH
 from taichi_sim.fleet import Fleet
+from taichi_sim.kernels.conventions import EAST, NORTH
 from taichi_sim.vehicle import Vehicle
 
 

@@ -27,7 +27,7 @@ from rl.guidance.shapes import formation_offsets
 from rl.missions.formation.config import FormationTeam
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.runtime import array1, array3
-from taichi_sim.memory import Remembers
+from taichi_sim.state.memory import Remembers
 
 INTERVAL, GLIDE = range(2)  # parameters of the kernel
 SHAPE, SPACING = range(2)  # of a change

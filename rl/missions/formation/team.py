@@ -23,7 +23,7 @@ from rl.perception.sensors import Nearby, Sensor
 from rl.step import Endings
 from rl.team import Controller, Host
 from taichi_sim.fleet import Fleet
-from taichi_sim.memory import Remembers
+from taichi_sim.state.memory import Remembers
 
 GLIDE_SHARE = 0.15  # of the target's speed, with which slots glide to a new formation; assumed
 NEAR_COST, ENDED_COST = 300.0, 2e4  # of plans, m^2: for each m less than the berth; for an ending

@@ -22,7 +22,7 @@ from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.slots import Drawn, draw_formations, offsets_of, unit_offsets
 from rl.scenario import derive_seed
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import DOWN, HEADING, QUATERNION, STATE_SIZE, SURGE
+from taichi_sim.kernels.conventions import DOWN, HEADING, QUATERNION, STATE_SIZE, SURGE
 from taichi_sim.kernels.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler
 from taichi_sim.randomisation.conditions import nominal_conditions
 from taichi_sim.vehicle import Vehicle

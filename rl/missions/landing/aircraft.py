@@ -21,8 +21,8 @@ from rl.rewards import paid
 from rl.step import COLLIDED, Endings
 from rl.team import Team
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import BELOW, DOWN
-from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
+from taichi_sim.kernels.conventions import BELOW, DOWN
+from taichi_sim.models.uav.multirotor.multirotor_6dof import Multirotor6DOF
 
 NEAR = 1.0  # m, where what is observed near the deck is of order one
 FAR, FAST, SLOW = 10.0, 3.0, 1.0  # m, m/s, m/s, where what is observed is half way to 1

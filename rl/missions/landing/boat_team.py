@@ -21,7 +21,7 @@ from rl.perception.due import Due
 from rl.rewards import paid
 from rl.step import Endings
 from rl.team import Controller, Team
-from taichi_sim.memory import Remembers
+from taichi_sim.state.memory import Remembers
 
 
 class Served(Parts, Protocol):

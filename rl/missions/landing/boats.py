@@ -19,10 +19,10 @@ from rl.perception.due import Due
 from rl.perception.instruments import Readings
 from rl.perception.sensors import Nearby
 from rl.team import ControllerError
-from taichi_sim.conventions import AHEAD, DOWN, STARBOARD
 from taichi_sim.fleet import Fleet
+from taichi_sim.kernels.conventions import AHEAD, DOWN, STARBOARD
 from taichi_sim.kernels.rotation import torch_euler_from_rotation
-from taichi_sim.memory import Remembers
+from taichi_sim.state.memory import Remembers
 from taichi_sim.vehicle import Vehicle
 from taichi_sim.world import Script, World
 

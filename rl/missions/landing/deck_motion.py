@@ -6,9 +6,9 @@ import torch
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import BELOW
 from taichi_sim.fleet import Fleet, Views
-from taichi_sim.memory import Remembers
+from taichi_sim.kernels.conventions import BELOW
+from taichi_sim.state.memory import Remembers
 from taichi_sim.vehicle import Vehicle
 
 

@@ -6,8 +6,8 @@ from torch import Tensor
 
 from rl.missions.landing.aircraft import Aircraft
 from rl.missions.landing.deck_motion import Decks
-from taichi_sim.conventions import DOWN
-from taichi_sim.recording.overlays import Lines, Overlay, Plot, Points
+from taichi_sim.kernels.conventions import DOWN
+from taichi_sim.visualisation.recording.overlays import Lines, Overlay, Plot, Points
 
 SIGHT, KNOWN = (255, 230, 140), (250, 120, 220)
 SHOWN_HEIGHT = 10.0  # m, higher up plots are cut off

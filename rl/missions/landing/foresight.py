@@ -1,6 +1,6 @@
 """What aircraft foresee of their decks, and their estimate of the wind, for the model of imagined.py.
 
-How a deck goes on moving is foreseen from its past by autoregressive models (taichi_sim/forecast.py) of its velocity
+How a deck goes on moving is foreseen from its past by autoregressive models (rl/guidance/forecast.py) of its velocity
 over its mean velocity, of roll and of pitch. What they foresee is joined to what is known now (known_deck.py) by an
 error that dies away, critically damped:
 
@@ -13,12 +13,12 @@ velocity, averaged.
 import torch
 from torch import Tensor
 
+from rl.guidance.forecast import Autoregression
 from rl.missions.landing.aircraft import Aircraft
-from taichi_sim.conventions import BELOW, HEADING
-from taichi_sim.forecast import Autoregression
+from taichi_sim.kernels.conventions import BELOW, HEADING
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
-from taichi_sim.uav.aircraft import TrimError
-from taichi_sim.uav.multirotor.trim import trim
+from taichi_sim.models.uav.aircraft import TrimError
+from taichi_sim.models.uav.multirotor.trim import trim
 
 FORESEEN = 8.0  # s ahead for which a deck's motion is foreseen; beyond, it keeps its velocity; assumed
 SAMPLED = 4  # decisions between two samples of the autoregressive models; assumed

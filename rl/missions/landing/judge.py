@@ -12,7 +12,7 @@ from rl.missions.landing.aircraft import Aircraft
 from rl.missions.landing.config import LandingScenario
 from rl.missions.landing.deck_motion import Decks
 from rl.step import Step
-from taichi_sim.conventions import DOWN
+from taichi_sim.kernels.conventions import DOWN
 
 OUTCOMES = ("landed", "hard", "toppled", "slid", "ditched", "struck", "collided", "late", "lost")
 """How an aircraft's episode ends; lost: outside its model, or no finite state."""

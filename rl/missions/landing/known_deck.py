@@ -16,9 +16,9 @@ from torch import Tensor
 
 from rl.missions.landing.marker import Look
 from rl.perception.due import Due
-from taichi_sim.conventions import HEADING, PITCH, ROLL
 from taichi_sim.fleet import Views
-from taichi_sim.memory import Remembers
+from taichi_sim.kernels.conventions import HEADING, PITCH, ROLL
+from taichi_sim.state.memory import Remembers
 
 BLIND = 1.0  # s after which a look no longer says where the deck is; assumed
 JERK = 4.0  # m/s^3, of a decision; assumed

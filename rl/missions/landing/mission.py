@@ -26,11 +26,11 @@ from rl.missions.landing.judge import LandingJudge
 from rl.perception.due import Due
 from rl.perception.radio import Radio
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import DOWN, EAST, NORTH, QUATERNION, STATE_SIZE, SURGE
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.conventions import DOWN, EAST, NORTH, QUATERNION, STATE_SIZE, SURGE
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler
-from taichi_sim.recording.episode import Episode, Scene
+from taichi_sim.visualisation.recording.episode import Episode, Scene
 
 TRIES = 50  # draws of places, until all aircraft are apart
 SPACED = 4.0  # least distance between two aircraft as an episode begins, over their collision radius; assumed

@@ -14,7 +14,7 @@ It is slower while the aircraft leans far into the wind, because its airspeed is
     glide     comes down in a cone as it approaches, matched to the deck's vertical velocity, and touches at `sink`;
               from `flare` above the deck on it lets go of the wind, to touch with all legs at once.
     forecast  waits at `wait` above the deck, matched to it, until the deck is predicted to be quiet for as long as it
-              takes to touch; then as glide. Predicted by an autoregressive model (taichi_sim/forecast.py).
+              takes to touch; then as glide. Predicted by an autoregressive model (rl/guidance/forecast.py).
 """
 
 import math
@@ -23,15 +23,15 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
+from rl.guidance.forecast import Autoregression
 from rl.missions.landing.config import PilotConfig
 from rl.missions.landing.known_deck import BLIND, KnownDeck
 from rl.missions.landing.level_frame import out_of_level
 from rl.perception.instruments import Readings
-from taichi_sim.conventions import BELOW, DOWN, GRAVITY
 from taichi_sim.fleet import Views
-from taichi_sim.forecast import Autoregression
-from taichi_sim.memory import Remembers
-from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
+from taichi_sim.kernels.conventions import BELOW, DOWN, GRAVITY
+from taichi_sim.models.uav.multirotor.multirotor_6dof import Multirotor6DOF
+from taichi_sim.state.memory import Remembers
 
 MEAN = 8.0  # s, over which "descend" averages the deck's velocity and height; assumed
 SAMPLED = 4  # decisions between two samples of the autoregressive model; assumed

@@ -12,8 +12,8 @@ from rl.missions.landing.deck_motion import DeckMotion
 from rl.rewards import action_rate, coarse, penalty
 from rl.step import Endings
 from taichi_sim.config import NonNegative, Positive, Strict
-from taichi_sim.conventions import DOWN
 from taichi_sim.fleet import Fleet
+from taichi_sim.kernels.conventions import DOWN
 
 
 class AircraftReward(Strict):

@@ -9,8 +9,8 @@ from rl.mission import Mission
 from rl.scenario import Scenario
 from rl.team import Endings, Team
 from taichi_sim.config import Positive
-from taichi_sim.conventions import POSITION, QUATERNION, STATE_SIZE
 from taichi_sim.fleet import Fleet
+from taichi_sim.kernels.conventions import POSITION, QUATERNION, STATE_SIZE
 from taichi_sim.world import Script
 
 APART = 20.0  # m between neighbours at the start

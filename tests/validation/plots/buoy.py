@@ -4,9 +4,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from taichi_sim.config import SeaConfig
-from taichi_sim.plotting import dress, new_figure
-from taichi_sim.sea import Sea
-from taichi_sim.sea.measured import open_spectra, realised, records_of
+from taichi_sim.surroundings.sea import Sea
+from taichi_sim.surroundings.sea.measured import open_spectra, realised, records_of
+from taichi_sim.visualisation.plotting import dress, new_figure
 from tests.validation.buoys import SEED
 from tests.validation.case import Folder
 from tests.validation.plots.style import legend

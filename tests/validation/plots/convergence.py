@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from taichi_sim.config.base import MissingExtraError
-from taichi_sim.conventions import GRAVITY, RHO_SEA
-from taichi_sim.plotting import INK, dress, new_figure
-from taichi_sim.usv.hull.database import SUFFIX, HydroDatabase
-from taichi_sim.usv.hull.radiation import cubic
+from taichi_sim.kernels.conventions import GRAVITY, RHO_SEA
+from taichi_sim.models.usv.hull.database import SUFFIX, HydroDatabase
+from taichi_sim.models.usv.hull.radiation import cubic
+from taichi_sim.visualisation.plotting import INK, dress, new_figure
 from tests.validation.case import Folder
 from tests.validation.plots.style import OTHER, OURS, THIRD
 from tests.validation.remembering import vehicle_file
@@ -63,8 +63,8 @@ def _curves(axes: Axes, counts: list[int], errors: list[dict[tuple[str, int], fl
 
 def _computed(panels: int) -> HydroDatabase:
     """The boundary-element code's answer on so many panels, at the shipped database's resonances and some more."""
-    from taichi_sim.hydro import floating_hull, make_database
-    from taichi_sim.hydro.frequency_sweep import require_capytaine
+    from taichi_sim.applications.hydro import floating_hull, make_database
+    from taichi_sim.applications.hydro.frequency_sweep import require_capytaine
 
     try:
         code = require_capytaine()

@@ -9,9 +9,9 @@ import numpy as np
 import taichi as ti
 import torch
 
-from taichi_sim.air.turbulence import dryden_advance, dryden_filter, dryden_output, dryden_sigma
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import TURBULENCE, normal6
+from taichi_sim.surroundings.air.turbulence import dryden_advance, dryden_filter, dryden_output, dryden_sigma
 
 
 @cache

@@ -7,8 +7,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from taichi_sim.kernels import runtime
-from taichi_sim.plotting import dress, new_figure
-from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
+from taichi_sim.models.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
+from taichi_sim.visualisation.plotting import dress, new_figure
 from tests.validation import aerosonde
 from tests.validation.aerosonde_numbers import parameters
 from tests.validation.case import Case, Folder

@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from taichi_sim.plotting import INK, dress, new_figure
-from taichi_sim.usv.hull.database import SUFFIX, HydroDatabase
+from taichi_sim.models.usv.hull.database import SUFFIX, HydroDatabase
+from taichi_sim.visualisation.plotting import INK, dress, new_figure
 from tests.validation.case import Folder
 from tests.validation.plots.style import OTHER, OURS, legend, points
 from tests.validation.remembering import vehicle_file

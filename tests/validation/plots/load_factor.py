@@ -4,10 +4,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from taichi_sim.conventions import GRAVITY
-from taichi_sim.plotting import INK, dress, new_figure
-from taichi_sim.uav.fixed_wing.equations import loads, stall_angles
-from taichi_sim.uav.fixed_wing.params import FixedWingParams
+from taichi_sim.kernels.conventions import GRAVITY
+from taichi_sim.models.uav.fixed_wing.equations import loads, stall_angles
+from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
+from taichi_sim.visualisation.plotting import INK, dress, new_figure
 from tests.validation.case import Folder
 from tests.validation.plots.style import OTHER, OURS, legend, points
 from tools.aircraft import FlightEnvelope, flight_envelope, load_aircraft

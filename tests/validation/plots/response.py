@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from matplotlib.figure import Figure
 
-from taichi_sim.plotting import INK, dress, new_figure
-from taichi_sim.sea.spectrum import wavenumber
+from taichi_sim.surroundings.sea.spectrum import wavenumber
+from taichi_sim.visualisation.plotting import INK, dress, new_figure
 from tests.validation.case import Case, Folder
 from tests.validation.plots.style import FAINT, OTHER, OURS, THIRD, legend, points
 from tests.validation.rao import BARGE, COLUMN, JUDGED, REMEMBERED, is_the_barge, measure, radiation_of

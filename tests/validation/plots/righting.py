@@ -4,11 +4,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from taichi_sim.config.io import validate
-from taichi_sim.plotting import INK, dress, new_figure
-from taichi_sim.usv.hull.geometry import HullGeometry
-from taichi_sim.usv.hull.hydrostatics import Hydrostatics
-from taichi_sim.usv.hull.mesh import mesh
-from taichi_sim.usv.hull.params import Hull6DofParams
+from taichi_sim.models.usv.hull.geometry import HullGeometry
+from taichi_sim.models.usv.hull.hydrostatics import Hydrostatics
+from taichi_sim.models.usv.hull.mesh import mesh
+from taichi_sim.models.usv.hull.params import Hull6DofParams
+from taichi_sim.visualisation.plotting import INK, dress, new_figure
 from tests.validation.box import box_of
 from tests.validation.case import Case, Folder
 from tests.validation.hydrostatics import PANELS

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from taichi_sim.plotting import INK, dress, new_figure
+from taichi_sim.visualisation.plotting import INK, dress, new_figure
 from tests.validation.case import Case, Folder
 from tests.validation.plots.style import OTHER, OURS, THIRD, legend, points
 from tests.validation.regular import motions

@@ -5,7 +5,7 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from taichi_sim.plotting import INK
+from taichi_sim.visualisation.plotting import INK
 
 OURS, OTHER, THIRD = "#0072B2", "#D55E00", "#009E73"
 FAINT = "#EEF1F4"

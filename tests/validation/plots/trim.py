@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from taichi_sim.plotting import INK, dress, new_figure
+from taichi_sim.visualisation.plotting import INK, dress, new_figure
 from tests.validation.case import Folder
 from tests.validation.plots.style import FAINT, points
 from tests.validation.plots.trim_table import COLOURS, NAMES, Variant, variants

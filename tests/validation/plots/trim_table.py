@@ -4,8 +4,8 @@ import math
 import re
 from typing import Any, NamedTuple
 
-from taichi_sim.uav.fixed_wing.params import FixedWingParams
-from taichi_sim.uav.fixed_wing.trim import Trim, TrimError, trim
+from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
+from taichi_sim.models.uav.fixed_wing.trim import Trim, TrimError, trim
 from tests.validation.aerosonde_numbers import parameters
 from tests.validation.case import Case, Folder
 from tests.validation.plots.style import OTHER, OURS

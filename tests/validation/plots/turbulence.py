@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import ScaledTranslation
 
-from taichi_sim.plotting import INK, dress, new_figure
+from taichi_sim.visualisation.plotting import INK, dress, new_figure
 from tests.validation.case import Folder
 from tests.validation.dryden import KNOT
 from tests.validation.plots.dryden_records import records

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from taichi_sim.plotting import dress, new_figure
+from taichi_sim.visualisation.plotting import dress, new_figure
 from tests.validation.case import Case, Folder
 from tests.validation.otter import fly
 from tests.validation.otter_numbers import shaft_command

@@ -1,5 +1,0 @@
-"""Air: mean wind and its profile over height, Dryden turbulence, discrete gusts."""
-
-from taichi_sim.air.wind import Wind
-
-__all__ = ["Wind"]

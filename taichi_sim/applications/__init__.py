@@ -1,0 +1,1 @@
+"""What is done with vehicles: trials, fits to logs, autopilots in the loop, databases of hulls."""

@@ -1,0 +1,293 @@
+"""Put a vehicle through the standard trials of its kind, and report.
+
+    taichi-sim trials VEHICLE [--trial NAME ...] [--out DIR] [options]
+
+    taichi-sim trials kvlcc2 --scale 45.7
+    taichi-sim trials otter --ahead 0.6 --sea hs=0.5,tp=4,direction_deg=90 --runs 16
+    taichi-sim trials cybership2 --trial turning --trial zigzag20_20 --ahead 0.5 --helm 0.2
+    taichi-sim trials aerosonde
+    taichi-sim trials x500 --trial hover --trial terminal
+
+VEHICLE is a vehicle file, or the name of a shipped one. Vessels: turning circle to both sides, zigzags 10/10 and 20/20,
+spiral, pull-out, crash stop, speed, roll decay; fixed wings: stall and level flight, climb, glide, turn, natural modes;
+multirotors: hover, climb, level flight. Written to DIR: report.html, figures.csv (SI, angles in rad), a CSV of the
+curves of each trial, and criteria.csv, IMO's limits (MSC.137(76)) beside a vessel's figures. More: docs/trials.md.
+
+Exit status: 0 done, 2 bad input, or a trial asked for by name that the craft cannot do.
+"""
+
+import argparse
+import csv
+import math
+import sys
+import time
+import tomllib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from taichi_sim.applications.trials import flight, ship
+from taichi_sim.applications.trials.basin import Setting
+from taichi_sim.applications.trials.figures import Outcome, TrialError, TrialsReport, criteria
+from taichi_sim.config import AirConfig, ConfigError, SeaConfig, Strict
+from taichi_sim.config.base import Table
+from taichi_sim.config.io import refuse_unwritable, validate
+from taichi_sim.kernels import runtime
+from taichi_sim.models.catalogue import Changes, load_vehicle
+from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
+from taichi_sim.models.uav.multirotor.params import MultirotorParams
+from taichi_sim.models.usv.vessel import Vessel
+from taichi_sim.surroundings.sea import SteepSeaError
+from taichi_sim.vehicle import Vehicle
+
+VESSELS: dict[str, Callable[[Setting], Outcome]] = {
+    "turning": ship.turning_circle,
+    "zigzag10_10": lambda setting: ship.zigzag(setting, 10.0, 10.0),
+    "zigzag20_20": lambda setting: ship.zigzag(setting, 20.0, 20.0),
+    "spiral": ship.spiral,
+    "pull_out": ship.pull_out,
+    "stop": ship.crash_stop,
+    "speed": ship.speed_run,
+    "roll": ship.roll_decay,
+}
+WINGS: dict[str, Callable[[FixedWingParams], Outcome]] = {
+    "stall": flight.stall, "climb": flight.climb, "glide": flight.glide, "turn": flight.turn, "modes": flight.modes,
+}  # fmt: skip
+ROTORS: dict[str, Callable[[MultirotorParams], Outcome]] = {
+    "hover": flight.hover, "climb": flight.rise, "terminal": flight.terminal,
+}  # fmt: skip
+
+
+def pairs(text: str) -> Table:
+    """TOML values from a text KEY=VALUE,KEY=VALUE; a key may be SECTION.KEY.
+
+    Raises:
+        ConfigError: for a text of another form; the message has it.
+    """
+    try:
+        return tomllib.loads(f"values = {{{text}}}")["values"]
+    except tomllib.TOMLDecodeError:
+        raise ConfigError(
+            f"{text!r}: expected KEY=VALUE,... in TOML (quote strings), for example hs=0.5,tp=4"
+        ) from None
+
+
+def changes_of(overrides: Sequence[str]) -> Changes:
+    """Changed values of a vehicle file from texts KEY=VALUE or SECTION.KEY=VALUE.
+
+    Raises:
+        ConfigError: for any other text.
+    """
+    found: Changes = {}
+    for text in overrides:
+        key, _, value = text.partition("=")
+        *sections, last = key.strip().split(".")
+        try:
+            parsed = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            raise ConfigError(
+                f"--set {text}: expected KEY=VALUE or SECTION.KEY=VALUE in TOML (quote strings), for example "
+                "--set rudder.rate_deg=5 or --set 'actions=\"left_right\"'"
+            ) from None
+        table = found
+        for section in sections:
+            if not isinstance(table.setdefault(section, {}), dict):
+                raise ConfigError(f"--set {text}: {section} is a value, not a section")
+            table = table[section]
+        table[last] = parsed
+    return found
+
+
+def conditions_of(args: argparse.Namespace) -> tuple[SeaConfig | None, AirConfig | None, str]:
+    """Sea, air, and a description of both."""
+    sea, air, told = None, None, []
+    data = {} if args.sea is None else pairs(args.sea)
+    if args.sea is not None:
+        told.append(f"sea {args.sea}")
+    if args.current is not None:
+        data = data or {"hs": 0.0, "tp": 4.0}
+        data["current"] = {"speed": args.current[0], "direction_deg": args.current[1]}
+        told.append(f"current {args.current[0]:g} m/s to {args.current[1]:g} deg")
+    if data:
+        sea = validate(SeaConfig, data, "--sea")
+    if args.wind is not None:
+        air = validate(AirConfig, {"speed": args.wind[0], "direction_deg": args.wind[1]}, "--wind")
+        told.append(f"wind {args.wind[0]:g} m/s from {args.wind[1]:g} deg")
+    if told:
+        told.append(f"approach at {args.heading:g} deg")
+    return sea, air, ", ".join(told) or "calm"
+
+
+def kind_of(model: Vehicle, vehicle: str) -> tuple[str, Mapping[str, Callable[..., Outcome]]]:
+    """The kind of a craft, and its trials by name.
+
+    Raises:
+        ConfigError: for a craft without trials.
+    """
+    if isinstance(model, Vessel):
+        return "vessel", VESSELS
+    if isinstance(model.params, FixedWingParams):
+        return "fixed wing", WINGS
+    if isinstance(model.params, MultirotorParams):
+        return "multirotor", ROTORS
+    raise ConfigError(
+        f"{vehicle}: there are no trials of a {type(model).__name__}: they are of vessels, fixed_wing_6dof and "
+        "multirotor_6dof"
+    )
+
+
+def run(args: argparse.Namespace, shown: Callable[[str], None]) -> TrialsReport:
+    """Do all trials that are asked for.
+
+    Raises:
+        ConfigError: for bad input, or for a trial asked for by name that the craft cannot do.
+    """
+    sea, air, told = conditions_of(args)
+    changes = changes_of(args.overrides)
+    model = load_vehicle(args.vehicle, 1e-3, 1, **changes)
+    kind, trials = kind_of(model, args.vehicle)
+    for name in args.trial:
+        if name not in trials:
+            raise ConfigError(f"{args.vehicle}: a {kind} has no trial {name!r}; it has {', '.join(trials)}")
+    argument: Strict | Setting = model.params
+    if kind == "vessel":
+        argument = Setting(
+            args.vehicle, changes, sea, air, args.runs, math.radians(args.heading), args.ahead, args.helm, args.speed,
+            args.dt, args.seed,
+        )  # fmt: skip
+    elif told != "calm":
+        raise ConfigError(f"{args.vehicle}: trials of a {kind} are flights through still air; leave out --sea, --wind "
+                          "and --current")  # fmt: skip
+    outcomes = []
+    for name in args.trial or trials:
+        began = time.perf_counter()
+        try:
+            found = trials[name](argument)
+        except TrialError as refusal:
+            if args.trial:
+                raise
+            found = Outcome(name, name.replace("_", " "), refused=str(refusal).removeprefix(f"{args.vehicle}: "))
+        outcomes.append(found)
+        shown(f"{found.title}: {found.refused or f'{time.perf_counter() - began:.1f} s'}")
+    met = criteria(outcomes, model.size[0], args.scale) if kind == "vessel" else []
+    return TrialsReport(Path(args.vehicle).stem, kind, told, outcomes, met, model.size[0])
+
+
+def write(report: TrialsReport, folder: Path) -> None:
+    """Write the CSV files and the page into `folder`."""
+    from taichi_sim.applications.commands.trials_page import page_of
+
+    folder.mkdir(parents=True, exist_ok=True)
+
+    def table(name: str, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+        with (folder / f"{name}.csv").open("w", newline="") as file:
+            csv.writer(file).writerows([head, *rows])
+
+    figures = ((*f[:4], repr(f.value), f.unit) for out in report.outcomes for f in out.figures)
+    table("figures", ("trial", "case", "run", "figure", "value", "unit"), figures)
+    for out in report.outcomes:
+        samples = ((c.case, row) for c in out.curves for row in np.transpose([*c.columns.values()]))
+        if out.curves:
+            rows = ((case, *map(repr, map(float, row))) for case, row in samples)
+            table(out.name, ("case", *out.curves[0].columns), rows)
+    if report.criteria:
+        limits = ((*c[:2], repr(c.value), repr(c.limit), c.unit, c.met) for c in report.criteria)
+        table("criteria", ("criterion", "case", "value", "limit", "unit", "met"), limits)
+    (folder / "report.html").write_text(page_of(report), encoding="utf-8")
+
+
+def lines(report: TrialsReport) -> list[str]:
+    """The printed lines: means over the runs."""
+    found = [f"{report.vehicle}, a {report.kind}, {report.conditions}"]
+    for out in report.outcomes:
+        found.append(f"\n{out.title}" + (f": {out.refused}" if out.refused else ""))
+        cases = list(dict.fromkeys(f.case for f in out.figures))
+        names = list(dict.fromkeys((f.name, f.unit) for f in out.figures))
+        if not cases:
+            continue
+        wide = max(len(name) for name, _ in names) + 2
+        if len(cases) <= 4:
+            found.append(" " * (wide + 8) + "".join(f"{case:>16}" for case in cases))
+            for name, unit in names:
+                told, factor = ("deg", math.degrees(1.0)) if unit == "rad" else (unit, 1.0)
+                values = [out.mean(case, name) * factor for case in cases]
+                found.append(f"  {name:{wide}}{told:6}" + "".join(f"{value:16.6g}" for value in values))
+        else:
+            found.append(" " * 12 + "".join(f"{name:>18}" for name, _ in names))
+            found += [f"  {case:10}" + "".join(f"{out.mean(case, name):18.6g}" for name, _ in names) for case in cases]
+    if report.criteria:
+        found.append("\nIMO MSC.137(76)")
+        for c in report.criteria:
+            factor, unit = (math.degrees(1.0), "deg") if c.unit == "rad" else (1.0, "")
+            kept, value, limit = "met    " if c.met else "NOT MET", c.value * factor, c.limit * factor
+            found.append(f"  {kept}  {value:8.3f} of at most {limit:6.2f} {unit:3}  {c.name}, {c.case}")
+    return found
+
+
+def parser() -> argparse.ArgumentParser:
+    """The parser of the arguments."""
+    summary, _, rest = (__doc__ or "").partition("\n\n")
+    p = argparse.ArgumentParser(
+        prog="taichi-sim trials", description=summary, epilog=rest, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    p.add_argument("vehicle", metavar="VEHICLE", help="vehicle file, or the name of a shipped one")
+    p.add_argument("--trial", action="append", default=[], metavar="NAME", help="a trial to do; several times [all]")
+    p.add_argument("--out", type=Path, metavar="DIR", help="folder of the report [trials-VEHICLE]")
+    p.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE",
+                   help="override KEY or SECTION.KEY of the vehicle file; several times")  # fmt: skip
+    p.add_argument("--quiet", action="store_true", help="print no progress")
+    v = p.add_argument_group("vessels")
+    v.add_argument("--ahead", type=float, default=1.0, metavar="SHARE", help="share of full thrust or revolutions [1]")
+    v.add_argument("--helm", type=float, default=1.0, metavar="SHARE", help="share of full helm in turning circles [1]")
+    v.add_argument(
+        "--speed", type=float, metavar="V", help="speed of the approach, held as by a carriage, m/s [its own]"
+    )
+    v.add_argument(
+        "--scale", type=float, default=1.0, metavar="N", help="scale 1 : N of the model, for IMO's limits [1]"
+    )
+    v.add_argument(
+        "--sea", metavar="KEY=VALUE,...", help="keys of [sea], for example hs=0.5,tp=4,direction_deg=90 [calm]"
+    )
+    v.add_argument("--wind", type=float, nargs=2, metavar=("SPEED", "FROM"), help="m/s at 10 m, deg [none]")
+    v.add_argument("--current", type=float, nargs=2, metavar=("SPEED", "TO"), help="m/s, deg [none]")
+    v.add_argument(
+        "--heading",
+        type=float,
+        default=0.0,
+        metavar="DEG",
+        help="heading of the approach, for wind, waves and current [0]",
+    )
+    v.add_argument("--runs", type=int, default=1, metavar="N", help="realisations of the sea, side by side [1]")
+    v.add_argument("--seed", type=int, default=1, help="seed of the realisations [1]")
+    v.add_argument("--dt", type=float, metavar="S", help="physics step [0.014 s times the root of the length in m]")
+    return p
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command; return the exit status."""
+    p = parser()
+    args = p.parse_args(argv)
+    limits = {"ahead": (0.01, 1), "helm": (0.01, 1), "scale": (1, 1000), "runs": (1, 4096), "speed": (0.01, 50),
+              "dt": (1e-4, 10), "seed": (0, 2**31 - 1)}  # fmt: skip
+    for name, (low, high) in limits.items():
+        value = getattr(args, name)
+        if value is not None and not low <= value <= high:
+            p.error(f"--{name} {value:g}: allowed are {low:g} to {high:g}")
+    runtime.init(precision="f64", threads=1)
+    shown = (lambda _: None) if args.quiet else (lambda words: print(words, file=sys.stderr, flush=True))
+    try:
+        folder = args.out or Path(f"trials-{Path(args.vehicle).stem}")
+        refuse_unwritable(folder)
+        report = run(args, shown)
+        write(report, folder)
+    except (ConfigError, SteepSeaError, ValueError, OSError) as error:
+        print(f"trials: {error}", file=sys.stderr)
+        return 2
+    print("\n".join(lines(report)))
+    print(f"\n{folder / 'report.html'}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,200 @@
+"""Bags of ROS 2 as logs, by `rosbags`: a folder of rosbag2, or an .mcap file. Topics and frames: docs/ros.md.
+
+Pose and yaw rate come from `/NAME/odom` (nav_msgs/Odometry in ENU, body forward-left-up), the commands from
+`/NAME/actions` (sensor_msgs/JointState: an action's name, and its value from -1 to 1 as `position`). Where columns are
+given, `odom` names another topic of odometry, and an action a topic whose messages have a number as `data` (std_msgs
+Float32, Float64). Each command holds from its time on; taken is its mean until the next message of odometry.
+
+What a message has is not always a value:
+
+| in the message | means |
+|---|---|
+| header.stamp 0, or the same one all the time | no time: times of recording hold for all topics, as without headers |
+| orientation (0, 0, 0, 0), not of length 1, or upside down; a yaw variance of -1 or above a turn | no orientation |
+| pose.covariance[0] of -1 | no position |
+| frame ids that name NED or FRD, as MAVROS has them | other axes than these |
+
+The last three are refused. An orientation that never changes is found by the course (log.py).
+"""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from taichi_sim.applications.fit.table import CHANNELS, Array, LogError, Source, Table, held_means
+from taichi_sim.config.base import MissingExtraError
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+
+ODOMETRY, COMMANDS = "nav_msgs/msg/Odometry", "sensor_msgs/msg/JointState"
+NS = 1e-9
+ONE_CLOCK = 1.0  # s; assumed, delays of recording differ by less between topics whose stamps are of one clock
+UNIT = 0.01  # assumed, error of a unit quaternion's length
+FULL_TURN = 2 * np.pi  # rad; a yaw of a larger standard deviation is not known
+OTHER_AXES = {"ned", "frd", "nwu", "esd"}  # parts of a frame's name
+
+
+def read_bag(path: Path, action_names: tuple[str, ...], source: Source) -> Table:
+    """The table of one vehicle in a bag.
+
+    Raises:
+        LogError: for what is no bag, or lacks a topic.
+        MissingExtraError: without `rosbags`.
+    """
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise MissingExtraError("rosbags", "ros") from None
+    if path.suffix == ".db3":
+        raise LogError(f"{path}: name the folder of this bag, with its metadata.yaml")
+    try:
+        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
+            return _table(path, bag, action_names, source)
+    except LogError:
+        raise
+    except Exception as error:  # AnyReaderError and whatever a damaged file makes its storage raise
+        raise LogError(f"{path}: this is no bag of ROS 2 that can be read: {error}") from None
+
+
+def _table(path: Path, bag: "AnyReader", action_names: tuple[str, ...], source: Source) -> Table:
+    kinds = {c.topic: c.msgtype for c in bag.connections}
+    odom = _odometry(path, kinds, source)
+    near = odom.removesuffix("/odom")
+    given = {name: source.columns[name] for name in action_names if name in source.columns}
+    wanted = {odom, *(column.source for column in given.values())}
+    if len(given) < len(action_names):
+        wanted.add(f"{near}/actions")
+    if missing := sorted(wanted - set(kinds)):
+        raise LogError(f"{path}: no topic {missing[0]}; it has {', '.join(sorted(kinds))}. Actions are read from "
+                       f"{near}/actions ({COMMANDS}), or from topics that --columns names")  # fmt: skip
+    if kinds[odom] != ODOMETRY:
+        raise LogError(f"{path}: {odom} is {kinds[odom]}: a pose is read from {ODOMETRY}")
+    try:
+        read = {topic: _messages(bag, topic) for topic in sorted(wanted)}
+    except Exception as error:  # rosbags documents none for messages that are damaged
+        raise LogError(f"{path}: a message cannot be read, the bag is damaged: {error}") from None
+    counts = {topic: sum(c.msgcount for c in bag.connections if c.topic == topic) for topic in read}
+    for topic, (_, messages) in read.items():
+        if not messages:
+            raise LogError(f"{path}: {topic} has no messages")
+        if len(messages) != counts[topic]:
+            raise LogError(f"{path}: damaged or cut: it has {len(messages)} of {counts[topic]} messages of {topic}")
+    clocks = _clocks(path, read, odom)
+    t, poses = clocks[odom], read[odom][1]
+    columns: dict[str, Array] = dict(zip(CHANNELS, _motion(path, odom, poses), strict=True))
+    begin = t[0]
+    for name in action_names:
+        topic = given[name].source if name in given else f"{near}/actions"
+        at, messages = clocks[topic], read[topic][1]
+        if (back := np.flatnonzero(np.diff(at) < 0)).size:
+            raise LogError(f"{path}: message {back[0] + 2} of {topic} is stamped {at[back[0]] - at[back[0] + 1]:g} s "
+                           "before the one that was recorded before it")  # fmt: skip
+        if name in given:
+            if not isinstance(getattr(messages[0], "data", None), (int, float)):
+                raise LogError(f"{path}: {topic} is {kinds[topic]}: an action's topic has a number as data")
+            values = given[name].factor * np.array([float(m.data) for m in messages])
+        elif kinds[topic] != COMMANDS:
+            raise LogError(f"{path}: {topic} is {kinds[topic]}: actions are read from {COMMANDS}")
+        else:
+            values = _named(path, topic, name, messages)
+        columns[name], begin = held_means(at, values, t, np.r_[t[1:], t[-1] + 1.0]), max(begin, at[0])
+    kept = np.flatnonzero(t >= begin - 1e-9)  # before the first command nobody knows what was commanded
+    if len(kept) < 3:
+        raise LogError(f"{path}: {len(kept)} messages of {odom} after the first command: at least 3 are wanted")
+    columns = {"t": t - t[kept[0]], **columns}
+    return Table({name: x[kept] for name, x in columns.items()}, lambda k: f"message {kept[k] + 1} of {odom}")
+
+
+def _odometry(path: Path, kinds: Mapping[str, str | None], source: Source) -> str:
+    """The topic of odometry; LogError if there is none, or if it is not clear which."""
+    if "odom" in source.columns:
+        return source.columns["odom"].source
+    found = sorted(topic for topic, kind in kinds.items() if kind == ODOMETRY and topic.endswith("/odom"))
+    if source.name:
+        found = [topic for topic in found if topic == f"/{source.name}/odom"]
+    if len(found) != 1:
+        has = ", ".join(topic.removesuffix("/odom").removeprefix("/") for topic in found)
+        told = f"it has {has}: choose by --name" if found else f"it has {', '.join(sorted(kinds))}"
+        raise LogError(f"{path}: wanted is one topic /NAME/odom ({ODOMETRY}); {told}")
+    return found[0]
+
+
+def _messages(bag: "AnyReader", topic: str) -> tuple[Array, list[Any]]:
+    """When the messages of a topic were recorded, s, and the messages."""
+    found = [
+        (NS * stamp, bag.deserialize(data, connection.msgtype))
+        for connection, stamp, data in bag.messages([c for c in bag.connections if c.topic == topic])
+    ]
+    return np.array([stamp for stamp, _ in found]), [message for _, message in found]
+
+
+def _clocks(path: Path, read: Mapping[str, tuple[Array, list[Any]]], odom: str) -> dict[str, Array]:
+    """Times of each topic's messages, s: the headers' stamps, if all have one, else when they were recorded.
+
+    Raises:
+        LogError: for stamps of two clocks.
+    """
+    recorded = {topic: received for topic, (received, _) in read.items()}
+    stamps = {
+        topic: np.array([m.header.stamp.sec + NS * m.header.stamp.nanosec for m in messages])
+        for topic, (_, messages) in read.items() if all(hasattr(m, "header") for m in messages)
+    }  # fmt: skip
+    frozen = [topic for topic, at in stamps.items() if np.ptp(at) == 0 and np.ptp(recorded[topic]) > ONE_CLOCK]
+    if len(stamps) < len(read) or frozen or any((at == 0).any() for at in stamps.values()):
+        return recorded
+    for topic, at in stamps.items():
+        then = np.interp(recorded[topic], recorded[odom], stamps[odom])  # stamps of odometry that is recorded with it
+        if abs(apart := float(np.median(at - then))) > ONE_CLOCK:
+            raise LogError(f"{path}: stamps of {topic} and {odom} are of two clocks: messages that were recorded "
+                           f"at the same time are {apart:.1f} s apart (use_sim_time?)")  # fmt: skip
+    return stamps
+
+
+def _motion(path: Path, topic: str, odometry: list[Any]) -> tuple[Array, Array, Array, Array]:
+    """North, east (m), heading (rad, clockwise from north), yaw rate (rad/s, bow to starboard) of odometry in ENU.
+
+    Raises:
+        LogError: for what is no position or no orientation, and for other frames.
+    """
+    for frame in sorted({m.header.frame_id for m in odometry} | {m.child_frame_id for m in odometry}):
+        if OTHER_AXES & set(re.split(r"[^a-z]+", frame.lower().rpartition("/")[2])):
+            raise LogError(f"{path}: {topic} is in the frame {frame!r}: wanted are east-north-up and forward-left-up "
+                           "(REP 103, docs/ros.md#frames)")  # fmt: skip
+    if len(frames := sorted({m.header.frame_id for m in odometry})) > 1:
+        raise LogError(f"{path}: {topic} is in several frames: {', '.join(frames)}")
+    spread = np.array([(m.pose.covariance[0], m.pose.covariance[35], m.twist.covariance[35]) for m in odometry])
+    x, y, z, w = quaternion = np.array(
+        [(q.x, q.y, q.z, q.w) for q in (m.pose.pose.orientation for m in odometry)], dtype=float
+    ).T
+    length = np.sqrt((quaternion**2).sum(axis=0))
+    for bad, told in (
+        (spread[:, 0] < 0, "no position: its covariance begins with {0[0]:g}"),
+        (length == 0, "no orientation: its quaternion is 0"),
+        ((spread[:, 1] < 0) | (spread[:, 1] > FULL_TURN**2), "no orientation: its yaw has the variance {0[1]:g} rad^2"),
+        ((spread[:, 2] < 0) | (spread[:, 2] > FULL_TURN**2), "no yaw rate: its variance is {0[2]:g} rad^2/s^2"),
+        (~(np.abs(length - 1) < UNIT), "no orientation: its quaternion has the length {1:.3g} in place of 1"),
+        (~(x * x + y * y < z * z + w * w), "no orientation (or w first): by its quaternion the vessel lies capsized"),
+    ):
+        if bad.any():
+            k = int(bad.argmax())
+            said = told.format(spread[k], length[k])
+            raise LogError(f"{path}: message {k + 1} of {topic} has {said}: give a topic that has one by --columns")
+    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    east, north = np.array([(m.pose.pose.position.x, m.pose.pose.position.y) for m in odometry]).T
+    return north, east, 0.5 * np.pi - yaw, -np.array([m.twist.twist.angular.z for m in odometry])
+
+
+def _named(path: Path, topic: str, name: str, messages: list[Any]) -> Array:
+    """Values of action `name` in messages that hold all actions of a vehicle; LogError if a message lacks it."""
+    values = np.empty(len(messages))
+    for k, message in enumerate(messages):
+        names = list(message.name)
+        if name not in names or len(message.position) != len(names):
+            raise LogError(f"{path}: message {k + 1} of {topic} has no position of {name}; it has {', '.join(names)}")
+        values[k] = message.position[names.index(name)]
+    return values

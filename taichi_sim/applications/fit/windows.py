@@ -1,0 +1,242 @@
+"""Windows of logs, and their simulation side by side under candidate numbers, currents and initial states."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from taichi_sim.applications.bench import Bench
+from taichi_sim.applications.fit.log import Log
+from taichi_sim.applications.fit.samples import SENSORS, Mask
+from taichi_sim.applications.fit.table import EAST, HEADING, NORTH, YAW_RATE, Array, LogError, held, held_means
+from taichi_sim.config import ConfigError
+from taichi_sim.kernels import conventions
+from taichi_sim.models.catalogue import load_vehicle
+from taichi_sim.models.usv.vessel import Vessel
+
+SECONDS = 6.0  # usual length of a window
+SAMPLES = 12  # new samples of the slowest sensor that a usual window has
+LEAD = 1.0  # s before a window, in which its actuators reach the commanded settings
+STEP = 0.02  # s, longest physics step
+EARLY = 0.05  # of an interval: a sample that comes this much after its step of the grid counts as of that step
+WANTED = {"position": 3, "heading": 2, "yaw rate": 2}  # least number of new samples in a window
+
+MIRRORED = 0.5  # rms deviation from the simulation of a log, mirrored, over that as it is, below which it is mirrored
+TURNS = 0.02  # rad/s, least rms deviation of yaw rates for such a comparison
+MOVES = 0.3  # m, least way for such a comparison
+FARTHER = 30.0  # ratio of measured and simulated ways, or yaw rates, beyond which they are in other units
+
+
+class Window(NamedTuple):
+    """A part of a log on the grid of steps, with LEAD before it."""
+
+    log: int
+    motion: Array  # [lead + step + 1, 4]
+    actions: Array  # [lead + step, action]
+    wind: Array | None = None  # [lead + step, 2]: velocity of the air to the north and east, m/s; None: calm
+    new: Mask | None = None  # [lead + step + 1, 4]: which values of the motion count; None: all
+    begin: float = 0.0  # s, time of the log after the lead
+
+
+def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
+    """Consecutive windows of `seconds` in each part of each log.
+
+    Raises:
+        LogError: if there is none, or logs differ in their interval.
+    """
+    found, short, first = [], False, logs[0].interval
+    for number, log in enumerate(logs):
+        if abs(log.interval - first) > 0.01 * first:
+            raise LogError(f"{log.name}: an interval of {log.interval:g} s, {logs[0].name} has {first:g} s: resample")
+        lead = lead_steps(first)
+        steps = max(round(seconds / first), lead)
+        for part in log.parts:
+            t = log.t[part]
+            grid = t[0] + first * np.arange(int((t[-1] - t[0]) / first + 1e-6) + 1)
+            motion = np.stack([np.interp(grid, t, column) for column in log.motion[part].T], axis=1)
+            step = np.clip(np.round((t - t[0]) / first).astype(int), 0, len(grid) - 1)
+            new: Mask = np.zeros(motion.shape, dtype=bool)
+            np.logical_or.at(new, step, log.new[part])
+            near = np.where(np.abs(t - grid[step]) < EARLY * first, grid[step], t)
+            actions = np.stack([held_means(near, a, grid, grid + first) for a in log.actions[part].T], axis=1)
+            wind = None if log.wind is None else held(t, log.wind[part], grid + EARLY * first)
+            whole = Window(number, motion, actions, wind, new)
+            for k in range(lead, len(grid) - steps, steps + 1):  # no sample is used twice
+                window = _cut(whole, k - lead, k + steps)._replace(begin=float(grid[k]))
+                counted = new[k : k + steps + 1]
+                if all(counted[:, SENSORS[name]].sum() >= n * len(SENSORS[name]) for name, n in WANTED.items()):
+                    found.append(window)
+                else:
+                    short = True
+    if not found:
+        names = ", ".join(log.name for log in logs)
+        if short:
+            few = ", ".join(f"{n} of {name}" for name, n in WANTED.items())
+            raise LogError(
+                f"{names}: no window of {seconds:g} s has enough new samples ({few}): give a longer --window"
+            )
+        raise LogError(f"{names}: no log has {seconds:g} s without a gap: give a shorter --window")
+    return found
+
+
+def window_seconds(logs: Sequence[Log]) -> float:
+    """Usual length of a window, s: longer where a sensor is slow, as far as the logs have parts of that length.
+
+    The first state of each window is estimated from its samples alone. With few of them its errors bias the numbers,
+    for the dynamics are not linear in it.
+    """
+    slowest = max(float(np.median(np.diff(log.t[new]))) if new.sum() > 1 else 0.0 for log in logs for new in log.new.T)
+    longest = max(log.t[part][-1] - log.t[part][0] for log in logs for part in log.parts)
+    return max(SECONDS, min(SAMPLES * slowest, float(longest) - LEAD - 2 * logs[0].interval))
+
+
+def lead_steps(interval: float) -> int:
+    """Number of steps of `interval` (s) in LEAD."""
+    return max(round(LEAD / interval), 1)
+
+
+def cut(windows: Sequence[Window], lead: int, steps: int) -> list[Window]:
+    """Windows of `steps` steps each, cut from longer ones."""
+    return [_cut(w, k, k + lead + steps) for w in windows for k in range(0, len(w.actions) - lead - steps + 1, steps)]
+
+
+def _cut(window: Window, first: int, last: int) -> Window:
+    """The steps of a window from `first` until before `last`."""
+    part, end = slice(first, last), slice(first, last + 1)
+    wind, new = window.wind, window.new
+    return window._replace(
+        motion=window.motion[end],
+        actions=window.actions[part],
+        wind=None if wind is None else wind[part],
+        new=None if new is None else new[end],
+    )
+
+
+def first_state(window: Window, interval: float) -> Array:
+    """Initial north, east, heading, u, v, r, from parabolas through a second of data before and after the beginning."""
+    lead = lead_steps(interval)
+    t = interval * np.arange(-lead, lead + 1)
+    _, (vn, ve, _, _), (north, east, psi, r) = np.polyfit(t, window.motion[: len(t)], 2)
+    c, s = np.cos(psi), np.sin(psi)
+    return np.array([north, east, psi, c * vn + s * ve, c * ve - s * vn, r])
+
+
+class WindowSimulator:
+    """Simulates windows side by side, with candidate numbers, currents and initial states."""
+
+    def __init__(self, vehicle: str, keys: Sequence[str], interval: float, changes: Mapping | None = None):
+        """Load a vehicle file whose `keys` vary.
+
+        Raises:
+            ConfigError: for a vehicle that is no vessel, or a key that does not vary.
+        """
+        substeps = max(1, int(np.ceil(interval / STEP - 1e-9)))
+        model = load_vehicle(vehicle, interval / substeps, substeps, **dict(changes or {}))
+        if not isinstance(model, Vessel):
+            raise ConfigError(f"{vehicle}: only vessels can be fitted")
+        for key in keys:
+            model.check_varies(key)
+            if model.nominal[key] == 0.0:
+                raise ConfigError(f"{vehicle}: {key} is 0 in the file: write a first guess there")
+        self.model, self.keys, self.interval = model, tuple(keys), interval
+        self.nominal = np.array([model.nominal[key] for key in keys])
+        self.benches: dict[int, Bench] = {}  # number of environments -> bench
+
+    def run(self, windows: Sequence[Window], phi: Array, current: Array, state: Array) -> Array:
+        """Simulated north, east (m), heading (rad), yaw rate (rad/s) [step + 1, env, 4].
+
+        Args:
+            windows: the window of each environment.
+            phi: logarithms of the factors of the numbers, [env, number].
+            current: [env, 2], m/s.
+            state: initial states, [env, 6].
+        """
+        envs = len(windows)
+        if envs not in self.benches:
+            self.benches[envs] = Bench(self.model, envs=envs)
+        b = self.benches[envs]
+        like = b.state
+        b.time.zero_()
+        b.wind.zero_()
+        b.current[:] = torch.as_tensor(current).to(like)
+        place, euler, zero = np.zeros((3, envs, 1, 3))
+        place[:, 0, :2], euler[:, 0, HEADING] = state[:, :2], state[:, HEADING]
+        values = self.nominal * np.exp(phi)
+        vary = b.fleet.nominal.expand(envs, 1, -1).clone()
+        for k, key in enumerate(self.keys):
+            vary[:, 0, self.model.varying.index(key)] = torch.as_tensor(values[:, k])
+        b.fleet.give_numbers(vary, self.model.numbers(vary), torch.arange(envs))
+        actions = torch.as_tensor(np.stack([w.actions for w in windows], axis=1)).to(like)
+        lead = lead_steps(self.interval)
+        steps = actions.shape[0] - lead
+        calm = np.zeros((lead + steps, 2))
+        wind = None  # velocity of the air [step, env, 2], m/s
+        if any(w.wind is not None for w in windows):
+            wind = torch.as_tensor(np.stack([calm if w.wind is None else w.wind for w in windows], axis=1))
+        out = np.empty((steps + 1, envs, 4))
+        _place(b, place, euler, zero, state)
+        for k in range(lead + steps):
+            if k == lead:  # the actuators have reached the commanded settings
+                kept = b.aux.clone()
+                _place(b, place, euler, zero, state)
+                b.aux.copy_(kept)
+                out[0] = _read(b, state[:, HEADING])
+            if wind is not None:
+                b.wind[:, :2] = wind[k]
+            b.step(actions[k][:, None])
+            if k >= lead:
+                out[k - lead + 1] = _read(b, out[k - lead, :, HEADING])
+        return out
+
+
+def check_against(simulator: WindowSimulator, logs: Sequence[Log], windows: Sequence[Window], state: Array) -> None:
+    """Compare windows, begun at the initial states `state` [window, 6], with their simulation by the file's numbers.
+
+    A frame that is mirrored as a whole, or positions in other units, agree with themselves: only the commands tell.
+
+    Raises:
+        LogError: for a log whose vessel turns against its commands, or turns or goes far from as much as they drive it.
+    """
+    n, lead = len(windows), lead_steps(simulator.interval)
+    across = np.array([1.0, 1.0, 1.0, 1.0, -1.0, -1.0]) * state[:, [1, 0, 2, 3, 4, 5]]
+    across[:, HEADING] = 0.5 * np.pi - state[:, HEADING]
+    begin = np.concatenate((state, across))
+    found = simulator.run([*windows, *windows], np.zeros((2 * n, len(simulator.keys))), np.zeros((2 * n, 2)), begin)
+    for number, log in enumerate(logs):
+        mine = [k for k, w in enumerate(windows) if w.log == number]
+        if not mine:
+            continue
+        measured = np.stack([windows[k].motion[lead:] for k in mine], axis=1)
+        r, expected = (float(np.sqrt(np.mean(x[..., YAW_RATE] ** 2))) for x in (measured, found[:, mine]))
+        if expected > TURNS and not 1 / FARTHER < r / expected < FARTHER:
+            raise LogError(f"{log.name}: the yaw rate is {r:.2g} rad/s rms where the commands give {expected:.2g}: are "
+                           "heading and yaw_rate in rad, heading_deg and yaw_rate_deg in degrees?")  # fmt: skip
+        rates, mirror = measured[..., YAW_RATE], [n + k for k in mine]
+        as_it_is = np.sqrt(np.mean((rates - found[:, mine, YAW_RATE]) ** 2))
+        mirrored = np.sqrt(np.mean((-rates - found[:, mirror, YAW_RATE]) ** 2))
+        if as_it_is > TURNS and mirrored < MIRRORED * as_it_is:
+            raise LogError(
+                f"{log.name}: the vessel turns against its commands: the log is mirrored (ENU: north and east "
+                "exchanged, heading from east, yaw rate to port), or an action has the wrong sign"
+            )
+        here, there = (x - x[0] for x in (measured, found[:, mine]))
+        way, expected = (float(np.hypot(x[-1, :, NORTH], x[-1, :, EAST]).sum()) for x in (here, there))
+        if expected > len(mine) * MOVES and not 1 / FARTHER < way / expected < FARTHER:
+            raise LogError(f"{log.name}: the vessel goes {way / len(mine):.2g} m in a window where its commands drive "
+                           f"it {expected / len(mine):.2g} m: are north and east in m?")  # fmt: skip
+
+
+def _place(b: Bench, place: Array, euler: Array, zero: Array, state: Array) -> None:
+    b.put(place, euler, zero, settle=False)
+    for column, k in ((conventions.SURGE, 3), (conventions.SWAY, 4), (conventions.YAW_RATE, 5)):
+        b.state[:, 0, column] = torch.as_tensor(state[:, k]).to(b.state)
+    b.fleet.update()
+
+
+def _read(b: Bench, near: Array) -> Array:
+    s = b.state[:, 0].double().numpy()
+    w, x, y, z = s[:, conventions.QUATERNION].T
+    psi = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y**2 + z**2))
+    heading = near + np.angle(np.exp(1j * (psi - near)))
+    return np.stack((s[:, NORTH], s[:, EAST], heading, s[:, conventions.YAW_RATE]), axis=1)

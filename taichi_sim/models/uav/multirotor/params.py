@@ -1,0 +1,273 @@
+"""Parameters of a multirotor's vehicle file (configs/vehicles/x500.toml is an example), and numbers of its equations.
+
+Places are in the airframe's own frame: the axes of b (forward, right, down) from any origin. The origin of the state is
+the centre of gravity, `physical.cg` in that frame.
+"""
+
+import math
+from collections import namedtuple
+from collections.abc import Mapping
+from functools import cache
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from taichi_sim.config import Finite, NonNegative, Positive, Strict
+from taichi_sim.models.contact.parts import Legs
+from taichi_sim.vehicle import Number, VehicleParams, left_of, value_at
+
+MOST_ROTORS = 12
+HOUR, MILLI = 3600.0, 1e-3  # s; of a unit
+APART = 1e-3  # m: rotors of the same spin that are closer than this are a mistake in the file
+Place = tuple[Finite, Finite, Finite]
+Actions = Literal["rotors", "rates", "velocity"]
+
+
+class MultirotorPhysical(Strict):
+    """Mass, inertia about the centre of gravity, drag of the fuselage, and the air."""
+
+    mass: Positive  # kg, rotors included
+    Jx: Positive  # kg m^2, rotors included as if they stood still
+    Jy: Positive  # kg m^2
+    Jz: Positive  # kg m^2
+    Jxy: Finite = 0.0  # kg m^2; inertia [[Jx, -Jxy, -Jxz], [-Jxy, Jy, -Jyz], [-Jxz, -Jyz, Jz]]
+    Jxz: Finite = 0.0
+    Jyz: Finite = 0.0
+    cg: Place  # centre of gravity in the airframe's frame, m
+    drag: tuple[NonNegative, NonNegative, NonNegative]  # along x, y, z: force = -|v| drag v, N s^2/m^2
+    rho: Positive = 1.225  # density of the air, kg/m^3: for induced velocities, not for thrust
+
+    @property
+    def inertia(self) -> np.ndarray:
+        """Inertia [3, 3], kg m^2."""
+        return np.array(
+            [[self.Jx, -self.Jxy, -self.Jxz], [-self.Jxy, self.Jy, -self.Jyz], [-self.Jxz, -self.Jyz, self.Jz]]
+        )
+
+    @model_validator(mode="after")
+    def _inertia_of_a_body(self):
+        least, middle, largest = np.linalg.eigvalsh(self.inertia)
+        if least <= 0 or largest > (least + middle) * (1 + 1e-9):
+            raise ValueError(
+                f"principal moments of inertia {least:.4g}, {middle:.4g}, {largest:.4g} kg m^2: each must be positive, "
+                "and none above the sum of the two others"
+            )
+        return self
+
+
+class Rotor(Strict):
+    """Parameters that all rotors share; rotors.py gives their force and moment."""
+
+    radius: Positive  # m
+    k_f: Positive  # thrust over rotor speed squared, N s^2
+    k_m: Positive  # torque over rotor speed squared, N m s^2
+    k_d: NonNegative = 0.0  # rotor drag across the axis, over speed and airspeed, N s^2/m
+    k_z: NonNegative = 0.0  # thrust lost with airspeed along the axis, N s^2/m
+    k_h: NonNegative = 0.0  # translational lift, N s^2/m^2
+    k_flap: Finite = 0.0  # flapping moment over speed and airspeed, N m s^2/m; positive: nose down in forward flight
+    J_r: NonNegative = 0.0  # inertia about the axis, kg m^2; 0: no gyroscopic moment
+    omega_min: NonNegative = 0.0  # rad/s
+    omega_max: Positive  # rad/s
+    tau_up: Positive  # time constant of the speed when it rises, s
+    tau_down: Positive  # time constant of the speed when it falls, s
+
+    @model_validator(mode="after")
+    def _a_range(self):
+        if self.omega_min >= self.omega_max:
+            raise ValueError(f"omega_min = {self.omega_min:g}: must be below omega_max = {self.omega_max:g} rad/s")
+        return self
+
+
+class Mount(Strict):
+    """One rotor: its position and its direction of rotation."""
+
+    position: Place  # of its hub, in the airframe's frame, m
+    spin: Literal["ccw", "cw"]  # seen from above
+    gain: NonNegative = 1.0  # factor of thrust and torque: below 1 worn, 0 lost
+
+    @property
+    def yaw(self) -> float:
+        """Sign of the moment about b's z (down) that the rotor's drag exerts on the airframe."""
+        return 1.0 if self.spin == "ccw" else -1.0
+
+
+class MultirotorEnvelope(Strict):
+    """Airspeeds of normal flight."""
+
+    airspeed: Positive  # cruising airspeed, m/s
+    max_airspeed: Positive  # m/s
+
+    @model_validator(mode="after")
+    def _cruise_inside(self):
+        if self.airspeed > self.max_airspeed:
+            raise ValueError(f"airspeed = {self.airspeed:g}: above max_airspeed = {self.max_airspeed:g}")
+        return self
+
+
+class Control(Strict):
+    """The kind of actions, and the speeds and rates that an action of 1 commands (controller.py)."""
+
+    actions: Actions = "velocity"
+    rate_hz: Annotated[float, Field(gt=0, le=1000)] = 50.0  # readings of its instruments a second, for all loops
+    speed: Positive = 8.0  # horizontal speed over ground at actions of 1, m/s
+    climb: Positive = 3.0  # m/s
+    descent: Positive = 2.0  # m/s
+    yaw_rate_deg: Annotated[float, Field(gt=0, le=720)] = 90.0  # deg/s
+    max_rate_deg: Annotated[float, Field(gt=0, le=2000)] = 220.0  # roll and pitch rate, deg/s
+    max_tilt_deg: Annotated[float, Field(gt=0, lt=80)] = 35.0
+
+
+class MultirotorBody(Strict):
+    """Dimensions for pictures and collisions."""
+
+    size: tuple[Positive, Positive, Positive]  # length, width, height, rotors included, m
+    below: NonNegative  # distance from the centre of gravity down to the feet, m
+    collision_radius: Positive  # m
+
+
+class Battery(Strict):
+    """`[battery]` of a vehicle file (rotors.py). Without it the rotors always have their nominal voltage."""
+
+    capacity_mah: Positive  # mA h
+    full: Positive  # open-circuit voltage, full, V
+    empty: Positive  # open-circuit voltage, empty, V
+    nominal: Positive  # voltage at which a rotor reaches omega_max, V
+    resistance: NonNegative  # of battery and leads, ohm
+    efficiency: Annotated[float, Field(gt=0, le=1)]  # of motors and their controllers
+    avionics: NonNegative = 0.0  # power of everything else, W
+    charge: Annotated[float, Field(gt=0, le=1)] = 1.0  # at the beginning of a flight
+
+    @property
+    def coulombs(self) -> float:
+        """Capacity, A s."""
+        return self.capacity_mah * MILLI * HOUR
+
+    @model_validator(mode="after")
+    def _falls(self):
+        if self.empty > self.full:
+            raise ValueError(f"empty = {self.empty:g} V: must not be above full = {self.full:g} V")
+        return self
+
+
+class MultirotorParams(VehicleParams):
+    """All parameters of a multirotor's vehicle file."""
+
+    physical: MultirotorPhysical
+    rotor: Rotor
+    rotors: Annotated[tuple[Mount, ...], Field(min_length=1, max_length=MOST_ROTORS)]
+    envelope: MultirotorEnvelope
+    body: MultirotorBody
+    control: Control = Control()
+    battery: Battery | None = None
+    legs: Legs | None = None  # what it stands on (contact/parts.py)
+    ground_effect: bool = True  # thrust grows near water and decks (ground.py)
+
+    @property
+    def collision_radius(self) -> float:
+        """Radius of the sphere around the aircraft, m."""
+        return self.body.collision_radius
+
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """Length, width, height, m."""
+        return self.body.size
+
+    @property
+    def arms(self) -> np.ndarray:
+        """Rotors' hubs [rotor, 3] from the centre of gravity, m, b."""
+        return np.array([mount.position for mount in self.rotors]) - np.array(self.physical.cg)
+
+    @model_validator(mode="after")
+    def _rotors_apart(self):
+        for i, one in enumerate(self.rotors):
+            for j, other in enumerate(self.rotors[:i]):
+                if math.dist(one.position, other.position) < APART:
+                    raise ValueError(
+                        f"rotors.{j} and rotors.{i} coincide at {list(one.position)}: hubs must be at least "
+                        f"{APART:g} m apart"
+                    )
+        return self
+
+    @model_validator(mode="after")
+    def _legs_below(self):
+        if self.legs:
+            self.legs.check_below(np.array([mount.position for mount in self.rotors]))
+        return self
+
+
+INERTIA = ("Jx", "Jy", "Jz", "Jxy", "Jxz", "Jyz")
+COEFFICIENTS = ("k_f", "k_m", "k_d", "k_z", "k_h", "k_flap", "J_r")
+AXES = range(3)
+LEGS = ("legs.stiffness", "legs.damping")
+FIELDS = (
+    "dt",  # physics step, s
+    "inverse_mass",  # 1/kg
+    *INERTIA,  # kg m^2
+    *(f"inverse_{a}{b}" for a in AXES for b in AXES if a <= b),  # inverse of the inertia, 1/(kg m^2)
+    *(f"cg_{i}" for i in AXES),  # m, in the airframe's frame
+    *(f"drag_{i}" for i in AXES),  # N s^2/m^2
+    *COEFFICIENTS,  # of params.Rotor
+    "per_tau_up", "per_tau_down",  # 1/s
+    "left_up", "left_down",  # fraction of a change of speed that is left after half a step
+    "leg_stiffness", "leg_damping",  # each leg, N/m, N s/m; 0 without legs
+)  # fmt: skip
+
+
+@cache
+def numbers_of(rotors: int) -> Any:
+    """NamedTuple class of the numbers of a multirotor with `rotors` rotors: `FIELDS`, then the gain of each rotor.
+
+    Values are floats, or tensors of one shape.
+    """
+    return namedtuple("MultirotorNumbers", (*FIELDS, *(f"gain_{k}" for k in range(rotors))))
+
+
+def gains(p: object, rotors: int) -> tuple[Number, ...]:
+    """Gain of each rotor."""
+    return tuple(getattr(p, f"gain_{k}") for k in range(rotors))
+
+
+def varying_keys(craft: MultirotorParams) -> tuple[str, ...]:
+    """Keys of the vehicle file that may differ between environments."""
+    return (
+        "physical.mass",
+        *(f"physical.{name}" for name in INERTIA),
+        *(f"physical.cg.{i}" for i in AXES),
+        *(f"physical.drag.{i}" for i in AXES),
+        *(f"rotor.{name}" for name in (*COEFFICIENTS, "tau_up", "tau_down")),
+        *(f"rotors.{k}.gain" for k in range(len(craft.rotors))),
+        *(LEGS if craft.legs else ()),
+    )
+
+
+def multirotor_numbers(craft: MultirotorParams, values: Mapping[str, Number], dt: float) -> Any:
+    """Compute the kernel's numbers of a multirotor like `craft` with the parameters `values`, for a step dt (s).
+
+    `values` has each of `varying_keys`: floats, or tensors of one shape. Other parameters are those of `craft`.
+    """
+    J = [values[f"physical.{name}"] for name in INERTIA]
+    up, down = values["rotor.tau_up"], values["rotor.tau_down"]
+    return numbers_of(len(craft.rotors))(
+        dt, 1 / values["physical.mass"], *J, *_inverse(*J),
+        *(values[f"physical.cg.{i}"] for i in AXES), *(values[f"physical.drag.{i}"] for i in AXES),
+        *(values[f"rotor.{name}"] for name in COEFFICIENTS),
+        1 / up, 1 / down, left_of(0.5 * dt, up), left_of(0.5 * dt, down), *(values.get(key, 0.0) for key in LEGS),
+        *(values[f"rotors.{k}.gain"] for k in range(len(craft.rotors))),
+    )  # fmt: skip
+
+
+def _inverse(Jx, Jy, Jz, Jxy, Jxz, Jyz) -> tuple[Number, ...]:
+    """Entries xx, xy, xz, yy, yz, zz of the inverse of [[Jx, -Jxy, -Jxz], [-Jxy, Jy, -Jyz], [-Jxz, -Jyz, Jz]]."""
+    xx, xy, xz = Jy * Jz - Jyz * Jyz, Jxy * Jz + Jxz * Jyz, Jxy * Jyz + Jxz * Jy
+    determinant = Jx * xx - Jxy * xy - Jxz * xz
+    yy, yz, zz = Jx * Jz - Jxz * Jxz, Jx * Jyz + Jxy * Jxz, Jx * Jy - Jxy * Jxy
+    return tuple(x / determinant for x in (xx, xy, xz, yy, yz, zz))
+
+
+@cache
+def nominal_numbers(craft: MultirotorParams) -> Any:
+    """Compute the kernel's numbers of the vehicle file itself."""
+    data = craft.model_dump()
+    values = {key: float(value_at(data, key)) for key in varying_keys(craft)}
+    return multirotor_numbers(craft, values, math.inf)

@@ -1,0 +1,383 @@
+"""Parameters of a `hull_6dof` vehicle file, and the numbers of kernels: compiled in, or of each vehicle if they vary.
+
+Frame b is forward-right-down with its origin CO midships, on the centreline, at the design waterline. Mass and CG
+affect everything that depends on them: M_rb (rigid_body.changed_mass) and the weight, and through it the draught, list
+and trim of a hull on panels. `restoring = "linear"` keeps the published G, so mass does not change the draught there.
+"""
+
+from collections import namedtuple
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from typing import Annotated, Literal, Protocol
+
+import numpy as np
+import torch
+from pydantic import Field, model_validator
+from torch import Tensor
+
+from taichi_sim.config import Finite, NonNegative, Positive, Strict
+from taichi_sim.kernels.conventions import GRAVITY, RHO_SEA
+from taichi_sim.kernels.rigid_body import changed_mass, constant, rigid_body_mass
+from taichi_sim.models.contact.parts import Deck
+from taichi_sim.models.usv.hull.mesh import HullShape
+from taichi_sim.models.usv.hull.thrusters import MOST_THRUSTERS, NamedThruster, PropellerPair, Thruster, Vector3
+from taichi_sim.models.usv.mmg import DERIVATIVES, OF_PARTS, part_numbers, polynomial_numbers
+from taichi_sim.models.usv.mmg_params import MmgSection
+from taichi_sim.models.usv.vessel import RHO_AIR, Number, Windage
+from taichi_sim.vehicle import VehicleParams, left_of
+
+Diagonal = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
+Row = tuple[Finite, Finite, Finite, Finite, Finite, Finite]
+Matrix = tuple[Row, Row, Row, Row, Row, Row]
+Name = Annotated[str, Field(pattern="^[a-z][a-z0-9_]*$")]
+ASYMMETRY = 1e-6  # tolerated asymmetry of a published M_rb over its largest entry, from its rounding
+OVERHANG = 1.1  # limit of a thruster's position over that of the hull's side, for outboard engines; assumed
+
+
+class RigidBody(Strict):
+    """Mass and its distribution: radii of gyration about the CG, or a published matrix."""
+
+    mass: Positive  # kg, payload included
+    cg: Vector3  # m, payload included
+    gyration: tuple[Positive, Positive, Positive] | None = None  # m, about the CG, for roll, pitch, yaw
+    M_rb: Matrix | None = None  # 6 x 6 about CO, symmetric, where a source gives it
+
+    @model_validator(mode="after")
+    def _one_of(self):
+        if (self.gyration is None) == (self.M_rb is None):
+            raise ValueError("give either gyration or M_rb")
+        if self.M_rb is not None:
+            M = np.array(self.M_rb)
+            if np.abs(M - M.T).max() > ASYMMETRY * np.abs(M).max():
+                raise ValueError("M_rb must be symmetric: row i, column j as row j, column i")
+        return self
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """M_rb [6, 6]."""
+        if self.M_rb is not None:
+            return np.array(self.M_rb)
+        return rigid_body_mass(self.mass, self.cg, self.mass * np.diag(np.square(np.array(self.gyration))))
+
+    def changed(self, other: "RigidBody") -> "RigidBody":
+        """Return `other`, a copy of this with another mass or CG, with a published M_rb changed accordingly
+        (`changed_mass`).
+        """
+        if self.M_rb is None:
+            return other
+        M_rb = changed_mass(self.M_rb, self.mass, self.cg, other.mass, other.cg)
+        return other.model_copy(update={"M_rb": constant(M_rb)})
+
+
+class Hydrodynamics(Strict):
+    """Added mass and damping about CO, for the motion relative to the water.
+
+    With `radiation = "constant"`, added mass and damping are the same at every frequency, and represent radiation and
+    diffraction. With `radiation = "memory"`, both come from a boundary-element `database` (radiation.py), and this
+    section adds the rest:
+
+    - `added_mass` is for Coriolis and Munk loads only.
+    - `linear` counts in full in surge, sway and yaw, where slow motion radiates nothing. In heave, roll and pitch it
+      counts as far as it exceeds the radiation at the natural frequency, because a published linear damping includes
+      that.
+    - `quadratic` and cross-flow count in full.
+    - `damping_relative_to` says which velocity `linear` and `quadratic` take: that relative to the water, with the
+      waves' orbital motion, or that relative to the current alone (over ground where there is none). Codes that compute
+      RAOs add damping to the hull's own motion: "current". Cross-flow drag always takes the water's.
+
+    With `restoring = "linear"`, for comparison with published codes, radiation is always constant.
+    """
+
+    radiation: Literal["constant", "memory"] = "constant"
+    database: str | None = None  # NAME.hydro.json, in the folder of the vehicle file (tools/hydrodynamics.py)
+    drift: bool = False  # mean and slowly varying wave drift of the database, by Newman's approximation
+    added_mass: Diagonal  # -X_udot, -Y_vdot, -Z_wdot (kg), -K_pdot, -M_qdot, -N_rdot (kg m^2)
+    linear: Diagonal  # -X_u ... (N s/m, N m s)
+    quadratic: Diagonal = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # -X_uu ... (N s^2/m^2, N m s^2), factors of |nu| nu
+    damping_relative_to: Literal["water", "current"] = "water"
+    cross_flow_length: NonNegative = 0.0  # m, of the strip integral; 0: no cross-flow drag
+    cross_flow_draft: NonNegative = 0.0  # m
+    cross_flow_coefficient: NonNegative = 0.0  # 2-D drag coefficient of a section (Hoerner 1965)
+    cross_flow_strips: Annotated[int, Field(ge=2, le=101)] = 21  # including both ends; width = length / (strips - 1)
+    cross_flow_density: Positive = RHO_SEA  # kg/m^3
+
+    @model_validator(mode="after")
+    def _has_database(self):
+        if self.radiation == "memory" and self.database is None:
+            raise ValueError('radiation = "memory" needs a database: NAME.hydro.json, made by tools/hydrodynamics.py')
+        if self.drift and self.radiation != "memory":
+            raise ValueError('drift = true needs radiation = "memory"')
+        if self.damping_relative_to == "current" and self.radiation != "memory":
+            raise ValueError(
+                'damping_relative_to = "current" needs radiation = "memory": constant damping is also diffraction'
+            )
+        return self
+
+
+class LinearRestoring(Strict):
+    """`restoring = "linear"`: -G eta of the source, and the payload as a weight (PythonVehicleSimulator's otter)."""
+
+    G33: Positive  # N/m
+    G44: Positive  # N m
+    G55: Positive  # N m
+    G35: Finite = 0.0  # N
+    payload_mass: NonNegative = 0.0  # kg; the source adds its weight to -G eta
+    payload_position: Vector3 = (0.0, 0.0, 0.0)  # m
+
+
+class Hull6DofParams(VehicleParams):
+    """Parameters of a vehicle file of `hull_6dof`."""
+
+    length: Positive  # m, overall
+    beam: Positive  # m, overall
+    height: Positive  # m, keel to the highest part (for drawing)
+    collision_radius: Positive  # m
+    restoring: Literal["panels", "linear"] = "panels"
+    current_frame: Literal["body", "heading"] = "body"  # "heading": the source's own, level frame
+    actions: Literal["surge_yaw", "left_right", "wrench", "units", "propeller_rudder"] = "surge_yaw"
+    rigid_body: RigidBody
+    hydrodynamics: Hydrodynamics
+    hull: HullShape
+    linear: LinearRestoring | None = None
+    thrusters: PropellerPair | None = None
+    actuators: Annotated[dict[Name, NamedThruster], Field(max_length=MOST_THRUSTERS)] = {}
+    mmg: MmgSection | None = None
+    windage: Windage = Windage()
+    deck: Deck | None = None  # for aircraft that land on it (contact/parts.py)
+
+    @model_validator(mode="after")
+    def _consistent(self):
+        if self.restoring == "linear" and self.linear is None:
+            raise ValueError('restoring = "linear" needs the section [linear]')
+        self._check_thrusters()
+        if self.deck:
+            self.deck.check_inside(self.length, self.beam)
+        return self
+
+    def __hash__(self) -> int:
+        """Hash as every frozen model, with the dictionary of thrusters as pairs, because a dict has no hash."""
+        return hash(tuple(tuple(x.items()) if isinstance(x, dict) else x for x in self.__dict__.values()))
+
+    def _check_thrusters(self) -> None:
+        """Refuse impossible thrusters, and actions that do not suit them."""
+        if self.mmg and (self.thrusters or self.actuators):
+            raise ValueError("give either [mmg], propellers and rudders, or [thrusters], or [actuators.NAME]")
+        if (self.mmg is not None) != (self.actions == "propeller_rudder"):
+            raise ValueError(
+                f'actions = "{self.actions}": with [mmg] write actions = "propeller_rudder" (revolutions of each '
+                "propeller, rudder), which is for [mmg] alone"
+            )
+        self._check_damping()
+        if self.thrusters and self.actuators:
+            raise ValueError("give either [thrusters], two propellers, or [actuators.NAME], each by itself")
+        h = self.hydrodynamics
+        if self.all_thrusters and not h.linear[0] and not h.quadratic[0]:
+            raise ValueError("hydrodynamics.linear, quadratic: a hull with thrusters needs damping in surge, the first")
+        x_max, y_max = OVERHANG * self.length / 2, OVERHANG * self.beam / 2
+        for thruster in self.all_thrusters:
+            x, y, _ = thruster.position
+            if abs(x) > x_max or abs(y) > y_max:
+                name = f"actuators.{thruster.name}.position" if self.actuators else f"thrusters.{thruster.name}"
+                raise ValueError(
+                    f"{name} = {thruster.position} is outside the hull: |x| must be at most "
+                    f"{x_max:.3g} m and |y| at most {y_max:.3g} m (length {self.length}, beam {self.beam})"
+                )
+        if self.thrusters and self.thrusters.left[1] >= self.thrusters.right[1]:
+            raise ValueError("thrusters.left must be to port of thrusters.right: its y must be smaller")
+        if self.actuators and self.actions in ("surge_yaw", "left_right"):
+            raise ValueError(
+                f'actions = "{self.actions}" is for the two propellers of [thrusters]; for [actuators] write '
+                'actions = "wrench" (surge, sway, yaw) or "units" (each thruster)'
+            )
+        for thruster in self.all_thrusters:
+            if self.actions == "wrench" and thruster.azimuth and not thruster.reaches_round:
+                raise ValueError(
+                    f'actions = "wrench" needs an actuators.{thruster.name} that pushes every way: a range_deg of 180 '
+                    'degrees or more and a thrust_min below 0, or no range_deg; or write actions = "units"'
+                )
+
+    def _check_damping(self) -> None:
+        """Refuse damping of surge, sway and yaw beside a polynomial, and propellers without resistance."""
+        h = self.hydrodynamics
+        planar = [f"{name}[{i}]" for name in ("linear", "quadratic") for i in (0, 1, 5) if getattr(h, name)[i] != 0]
+        if self.mmg and self.mmg.hull and (planar or h.cross_flow_length):
+            given = ", ".join(planar) or "cross_flow_length"
+            raise ValueError(
+                f"hydrodynamics.{given}: must be 0, for [mmg.hull] holds all damping of surge, sway and yaw"
+            )
+        if self.mmg and not 0 < self.mmg.steady_speed(h.linear[0], h.quadratic[0]) < np.inf:
+            raise ValueError("mmg.propeller.k_0, k_1, k_2 with the resistance give no steady speed at n_ahead")
+
+    @property
+    def all_thrusters(self) -> tuple[Thruster, ...]:
+        """All thrusters, from either section."""
+        if self.thrusters:
+            return self.thrusters.both
+        return tuple(given.thruster(name) for name, given in self.actuators.items())
+
+    @property
+    def gains(self) -> tuple[float, ...]:
+        """Gains of `all_thrusters`."""
+        if self.thrusters:
+            return self.thrusters.gain_left, self.thrusters.gain_right
+        return tuple(given.gain for given in self.actuators.values())
+
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """Length, beam, height, m."""
+        return self.length, self.beam, self.height
+
+    @property
+    def M_rb(self) -> np.ndarray:  # noqa: N802
+        """Rigid-body mass matrix about CO, [6, 6]."""
+        return self.rigid_body.matrix
+
+    @property
+    def M_a(self) -> np.ndarray:  # noqa: N802
+        """Added-mass matrix about CO, [6, 6]."""
+        return np.diag(self.hydrodynamics.added_mass)
+
+    @property
+    def weight(self) -> float:
+        """Weight, N."""
+        return self.rigid_body.mass * GRAVITY
+
+
+MASS, LAG = "rigid_body.mass", "thrusters.lag"
+CG = tuple(f"rigid_body.cg.{i}" for i in range(3))
+ADDED_MASS, LINEAR, QUADRATIC = (
+    tuple(f"hydrodynamics.{name}.{i}" for i in range(6)) for name in ("added_mass", "linear", "quadratic")
+)
+GAINS = ("thrusters.gain_left", "thrusters.gain_right")
+DECK_FRICTION = "deck.friction"
+AREAS = ("windage.frontal_area", "windage.lateral_area")
+UPPER = tuple((i, j) for i in range(6) for j in range(i, 6))  # entries of a symmetric 6 x 6 matrix
+
+FIELDS = (
+    "dt",  # physics step, s
+    "weight",  # N
+    *(f"cg_{i}" for i in range(3)),  # m, b
+    *(f"added_{i}" for i in range(6)),  # diagonal of M_a, kg, kg m^2
+    *(f"linear_{i}" for i in range(6)),  # damping, N s/m, N m s
+    *(f"quadratic_{i}" for i in range(6)),  # N s^2/m^2, N m s^2
+    "wind_x", "wind_y", "wind_n",  # factors of products of relative wind speeds (vessel.py), N s^2/m^2, N s^2/m
+    *(f"M_rb_{i}{j}" for i, j in UPPER),
+    *(f"inverse_{i}{j}" for i, j in UPPER),  # inverse of M_rb + M_a
+)  # fmt: skip
+THRUSTER_FIELDS = (  # for each thruster k (`THRUSTER_FIELDS`_k), after FIELDS
+    "keep_half", "keep",  # share of its speed's deviation from the command that is left after half a step, after one
+    "gain",  # factor of its thrust
+)  # fmt: skip
+
+
+@cache
+def numbers_of(thrusters: int, mmg: tuple[str, ...] = ()) -> Callable[..., tuple[Number, ...]]:
+    """NamedTuple type of a hull with this many thrusters, or with the fields `mmg` of its propellers and rudders (see
+    `FIELDS`); its entries are floats, or tensors of one shape.
+    """
+    fitted = (f"{name}_{k}" for name in THRUSTER_FIELDS for k in range(thrusters))
+    return namedtuple("HullNumbers", (*FIELDS, *fitted, *mmg))
+
+
+def varying_keys(p: Hull6DofParams) -> tuple[str, ...]:
+    """Keys of the vehicle file that may differ between environments."""
+    gains, lags = thruster_keys(p)
+    thrusters = (*gains, *dict.fromkeys(lags))
+    deck = (DECK_FRICTION,) if p.deck else ()  # contact/contacts.py reads it
+    return (MASS, *CG, *ADDED_MASS, *LINEAR, *QUADRATIC, *thrusters, *mmg_keys(p), *AREAS, *deck)
+
+
+def mmg_keys(p: Hull6DofParams) -> tuple[str, ...]:
+    """Keys of propellers, rudders and polynomial."""
+    if p.mmg is None:
+        return ()
+    derivatives = tuple(f"hull.{name}" for name in DERIVATIVES) if p.mmg.hull else ()
+    return tuple(f"mmg.{key}" for key in (*derivatives, *OF_PARTS))
+
+
+def mmg_numbers(p: Hull6DofParams, dt: float, values: Mapping[str, Number]) -> dict[str, Number]:
+    """Compute numbers of one propeller, one rudder and the polynomial (usv/mmg.py), by field."""
+    m = p.mmg
+    if m is None:
+        return {}
+    own = {key.removeprefix("mmg."): values[key] for key in mmg_keys(p)}
+    found = part_numbers(own, m.propeller, m.rudder, 1, 1, m.length, m.density, dt)
+    return found | (polynomial_numbers(own, m.length, m.draft, m.density) if m.hull else {})
+
+
+def thruster_keys(p: Hull6DofParams) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Keys of the thrusters' gains, and of their lags."""
+    if p.thrusters:
+        return GAINS, (LAG, LAG)
+    return tuple(f"actuators.{name}.gain" for name in p.actuators), tuple(f"actuators.{n}.lag" for n in p.actuators)
+
+
+class AddedMass(Protocol):
+    """What numbers of a hull take of its radiation (radiation.py)."""
+
+    inertia: np.ndarray  # [6, 6] added mass that acts at once
+    counted: np.ndarray  # [6] linear damping that is counted elsewhere
+
+    def inertia_change(self, change: Sequence[Number]) -> Sequence[Number]:
+        """Changes of the diagonal by changes of the file's added mass."""
+        ...
+
+
+def hull_numbers(
+    p: Hull6DofParams, radiation: AddedMass, dt: float, values: Mapping[str, Number]
+) -> tuple[Number, ...]:
+    """Compute the kernel's numbers of a hull for a step `dt` (s), from `values` (floats or float64 tensors)."""
+    mass, cg = values[MASS], [values[key] for key in CG]
+    added, linear, quadratic = ([values[key] for key in keys] for keys in (ADDED_MASS, LINEAR, QUADRATIC))
+    M_rb = changed_mass(p.M_rb, p.rigid_body.mass, p.rigid_body.cg, mass, cg)
+    M = [[M_rb[i][j] + float(radiation.inertia[i, j]) for j in range(6)] for i in range(6)]
+    change = [value - nominal for value, nominal in zip(added, p.hydrodynamics.added_mass, strict=True)]
+    for i, more in enumerate(radiation.inertia_change(change)):
+        M[i][i] = M[i][i] + more
+    linear = [_beyond(value, float(counted)) for value, counted in zip(linear, radiation.counted, strict=True)]
+    inverse = _inverse(M)
+    w, (frontal, lateral) = p.windage, (values[key] for key in AREAS)
+    gains, lags = ([values[key] for key in keys] for keys in thruster_keys(p))
+    mmg = mmg_numbers(p, dt, values)
+    return numbers_of(len(gains), tuple(mmg))(
+        dt, mass * GRAVITY, *cg, *added, *linear, *quadratic,
+        0.5 * RHO_AIR * w.c_x * frontal, 0.5 * RHO_AIR * w.c_y * lateral, RHO_AIR * w.c_n * lateral * p.length,
+        *(M_rb[i][j] for i, j in UPPER), *(inverse[i][j] for i, j in UPPER),
+        *(left_of(0.5 * dt, lag) for lag in lags), *(left_of(dt, lag) for lag in lags), *gains, *mmg.values(),
+    )  # fmt: skip
+
+
+def _beyond(value: Number, counted: float) -> Number:
+    """The part of a damping that is not in `counted`."""
+    if counted == 0.0:
+        return value
+    return (value - counted).clamp(min=0.0) if isinstance(value, Tensor) else max(value - counted, 0.0)
+
+
+def _inverse(rows: list[list[Number]]) -> Sequence[Sequence[Number]]:
+    """Inverse of a 6 x 6 matrix of floats, or of floats and tensors of one shape; the entries are of the same kind."""
+    entries = [x for row in rows for x in row]
+    given = next((x for x in entries if isinstance(x, Tensor)), None)
+    if given is None:
+        return np.linalg.inv(np.array(rows)).tolist()
+    whole = torch.stack([torch.as_tensor(x, dtype=given.dtype, device=given.device).expand_as(given) for x in entries])
+    inverse = torch.linalg.inv(whole.movedim(0, -1).unflatten(-1, (6, 6)))
+    return [row.unbind(-1) for row in inverse.unbind(-2)]
+
+
+# -- inside `ti.static`: `p` is a HullNumbers, or the struct with those of one vehicle -----------------------------
+
+
+def vector(p: object, name: str, size: int) -> tuple[Number, ...]:
+    """The numbers `name`_0, `name`_1, ..."""
+    return tuple(getattr(p, f"{name}_{i}") for i in range(size))
+
+
+def diagonal(p: object, name: str) -> tuple[tuple[Number, ...], ...]:
+    """Rows of the 6 x 6 matrix with the diagonal `name`_i."""
+    return tuple(tuple(x if i == j else 0.0 for j in range(6)) for i, x in enumerate(vector(p, name, 6)))
+
+
+def symmetric(p: object, name: str) -> tuple[tuple[Number, ...], ...]:
+    """Rows of the symmetric 6 x 6 matrix `name`_ij."""
+    return tuple(tuple(getattr(p, f"{name}_{min(i, j)}{max(i, j)}") for j in range(6)) for i in range(6))

@@ -1,0 +1,1 @@
+"""What an environment remembers: snapshots, copies and forks; the last step of one that diverged."""

@@ -1,0 +1,464 @@
+"""Snapshots, restoring, copies and forks of everything that a world or a mission remembers
+(taichi_sim/state/memory.py).
+
+Tensors are written in place if the shape allows it, so that kernels stay bound to them. What classes have declared is
+found from the world or mission on, each part once. A `StateError` names an attribute that
+
+    was declared and is gone;
+    is remembered, but its class does not derive from `Remembers`;
+    is a part that remembers, and that nobody has declared: `self.part = self.remember(Part(...))`;
+    is an undeclared tensor that torch has written in place since it was assigned and that shares no memory with what is
+    declared; or an undeclared number that is assigned again, generator, or dictionary or list of tensors.
+
+Not seen are tensors that Taichi kernels alone write, and state outside of such objects: in a module or a closure.
+"""
+
+import functools
+import hashlib
+import os
+import random
+import types
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, NoReturn, Self
+
+import numpy as np
+import torch
+from pydantic import BaseModel
+from torch import Tensor
+
+from taichi_sim.config.arguments import Envs, environments
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.random import FIRST_FORKED, Noise
+from taichi_sim.state.memory import AGAIN, NUMBERS, Kind, Remembers, StateError, declared, undeclared, version, versions
+
+VERSION = 5  # version of a snapshot's layout
+GIB = 2**30
+WORKING_SHARE = 4.0  # memory of an environment over that of its state: buffers of kernels and torch; assumed
+
+NoiseOf = Literal["shared", "own"]
+"""Whether copies draw the noise of their source (sensors, radio, gusts), or their own."""
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A copy of everything that a world or a mission remembers; `torch.save` can write it.
+
+    Attributes:
+        version: version of the layout.
+        about: identity of the world or mission.
+        num_envs: number of environments.
+        values: path -> value.
+        made: names of the parts that had been made at first use (`Stateful.made`).
+    """
+
+    version: int
+    about: dict[str, object]
+    num_envs: int
+    values: dict[str, object]
+    made: tuple[str, ...] = ()
+
+
+class Entry(NamedTuple):
+    """One remembered value."""
+
+    path: str
+    owner: Any  # an object, or a container
+    key: Any
+    of_env: bool  # whether it differs between environments
+
+    @property
+    def value(self) -> Any:
+        """The present value of the entry."""
+        return getattr(self.owner, self.key) if isinstance(self.owner, Remembers) else self.owner[self.key]
+
+    def put(self, value: object) -> None:
+        """Replace the value of the entry."""
+        if isinstance(self.owner, Remembers):
+            setattr(self.owner, self.key, value)
+        else:
+            self.owner[self.key] = value
+
+
+_FUNCTION = types.FunctionType | types.MethodType | types.BuiltinFunctionType | functools.partial
+_KERNEL = runtime.Launcher | runtime.Runtime | torch.device | torch.dtype
+_CONSTANT = _FUNCTION | _KERNEL | types.ModuleType | type | Path | bytes | BaseModel | frozenset | range
+_PLAIN = (*NUMBERS, str)
+_GENERATORS = torch.Generator | np.random.Generator | random.Random
+
+
+class _Walk:
+    """Finds the entries of an object and of its parts, each once."""
+
+    def __init__(self, num_envs: int):
+        self.num_envs = num_envs
+        self.entries: list[Entry] = []
+        self.objects: list[Remembers] = []
+        self._seen: set[int] = set()
+        self._wrong: list[StateError] = []
+
+    def find(self, value: object, path: str, owner: object = None, key: object = None) -> None:
+        """Find the entries of a value that differs between environments, held by `owner` under `key`."""
+        if value is None or isinstance(value, Tensor):
+            self.entries.append(Entry(path, owner, key, True))
+        elif isinstance(value, _PLAIN):
+            if not isinstance(owner, tuple):
+                self.entries.append(Entry(path, owner, key, False))
+        elif isinstance(value, _CONSTANT) or id(value) in self._seen:
+            return
+        elif isinstance(value, Remembers):
+            self._seen.add(id(value))
+            self._attributes(value, path)
+        elif isinstance(value, Mapping | list | tuple):
+            self._seen.add(id(value))
+            for k, item in value.items() if isinstance(value, Mapping) else enumerate(value):
+                self.find(item, f"{path}[{k!r}]", value, k)
+        else:
+            kind = f"{type(value).__module__}.{type(value).__qualname__}"
+            self._refuse(
+                f"{path} is a {kind}, which does not say what it remembers: derive its class from "
+                "taichi_sim.state.memory.Remembers, or share(...) an array or a generator (docs/extending.md)"
+            )
+
+    def _refuse(self, text: str) -> None:
+        self._wrong.append(StateError(text))
+
+    def _attributes(self, thing: Remembers, path: str) -> None:
+        self.objects.append(thing)
+        held = vars(thing)
+        for name, kind in declared(thing).items():
+            if name not in held:
+                self._refuse(
+                    f"{type(thing).__name__}.{name} was declared by self.{kind.value}(...) and is gone: a declared "
+                    "attribute stays; set it to None"
+                )
+            elif kind is Kind.OF_ENV:
+                self.find(held[name], f"{path}.{name}", thing, name)
+            elif kind is Kind.SHARED:
+                self.entries.append(Entry(f"{path}.{name}", thing, name, False))
+
+    def check(self) -> None:
+        """Refuse what was forgotten.
+
+        Raises:
+            StateError: naming class and attribute, and what to write (module docstring).
+        """
+        if self._wrong:
+            raise self._wrong[0]
+        tensors = [entry.value for entry in self.entries]
+        tensors += [vars(x)[name] for x in self.objects for name, kind in declared(x).items() if kind is Kind.SCRATCH]
+        known = {value.untyped_storage().data_ptr() for value in tensors if isinstance(value, Tensor)}
+        for thing in self.objects:
+            kinds, begun = declared(thing), versions(thing)
+            for name, value in vars(thing).items():
+                if name not in kinds and (why := self._forgotten(value, begun.get(name), known)):
+                    raise undeclared(thing, name, why)
+
+    def _forgotten(self, value: object, begun: int | None, known: set[int]) -> str | None:
+        """Why a value should have been declared; None: there is no reason."""
+        if isinstance(value, Tensor):
+            shares = value.untyped_storage().data_ptr() in known
+            return None if shares or begun is None or version(value) == begun else "has been written in place"
+        if isinstance(value, NUMBERS):
+            return "is assigned again" if begun == AGAIN else None
+        if isinstance(value, _GENERATORS):
+            return "is a generator"
+        if isinstance(value, Remembers):
+            return None if id(value) in self._seen else "is a part that remembers"
+        if isinstance(value, dict | list) and id(value) not in self._seen:
+            for item in value.values() if isinstance(value, dict) else value:
+                if isinstance(item, Tensor) or self._forgotten(item, None, known):
+                    return "holds tensors or parts"
+        return None
+
+
+def walk(root: Any) -> _Walk:
+    """The entries of `root`, which has `num_envs`, and the objects that own them."""
+    found = _Walk(root.num_envs)
+    found.find(root, type(root).__name__)
+    return found
+
+
+def checked(root: Any) -> _Walk:
+    """`walk`, refusing what was forgotten (module docstring)."""
+    found = walk(root)
+    found.check()
+    return found
+
+
+def about(root: Any) -> dict[str, object]:
+    """Identity of a world or mission, whatever its number of environments."""
+    kind, config = type(root), root.config
+    digest = hashlib.sha256(config.model_dump_json().encode()).hexdigest()[:16]
+    return {
+        "class": f"{kind.__module__}.{kind.__qualname__}",
+        "scenario": getattr(config, "name", ""),
+        "configuration": digest,
+        "seed": root.seed,
+        "teams": list(root.teams),
+        "precision": runtime.current().precision,
+    }
+
+
+# -- writing -----------------------------------------------------------------------------------------------------------
+
+
+def _taken(value: object) -> object:
+    """A copy that later steps do not change."""
+    if isinstance(value, Tensor):
+        return value.clone()
+    if isinstance(value, np.ndarray | list | dict):
+        return value.copy()
+    if isinstance(value, torch.Generator):
+        return value.get_state()
+    if isinstance(value, np.random.Generator):
+        return value.bit_generator.state
+    if isinstance(value, random.Random):
+        return value.getstate()
+    return value  # numbers, texts and tuples are immutable
+
+
+class _Writer:
+    """Writes values, in place if possible.
+
+    Two entries may hold the same tensor. If their new values are equal they keep sharing it; otherwise each gets its
+    own.
+    """
+
+    def __init__(self):
+        self._written: dict[tuple[int, int], Tensor] = {}
+
+    def __call__(self, entry: Entry, value: object) -> None:
+        now = entry.value
+        if not isinstance(value, Tensor) or isinstance(now, torch.Generator):
+            if isinstance(now, np.ndarray) and isinstance(value, np.ndarray) and now.shape == value.shape:
+                now[...] = value
+            else:
+                _put_generator(entry, now, value)
+        elif not isinstance(now, Tensor) or now.shape != value.shape or now.dtype != value.dtype or 0 in now.stride():
+            entry.put(value.clone())
+        elif (before := self._written.get(place := (now.data_ptr(), now.numel()))) is None or not now.numel():
+            now.copy_(value)
+            self._written[place] = value
+        elif not torch.equal(before.flatten(), value.flatten()):
+            entry.put(value.clone())
+
+
+def _put_generator(entry: Entry, now: Any, value: Any) -> None:
+    """Give a generator the state `value`, or replace whatever else is remembered."""
+    if isinstance(now, torch.Generator):
+        now.set_state(value)
+    elif isinstance(now, np.random.Generator):
+        now.bit_generator.state = value
+    elif isinstance(now, random.Random):
+        now.setstate(value)
+    else:
+        entry.put(_taken(value))
+
+
+def restored(found: _Walk) -> None:
+    """Tell all objects that their state was written."""
+    for thing in found.objects:
+        thing.restored()
+
+
+# -- saving, copying, forking ------------------------------------------------------------------------------------------
+
+
+def transfer(source: object, target: object) -> None:
+    """Copy the state of part `source` of one mission into `target`, a part of the same kind and size of another
+    mission.
+
+    Raises:
+        StateError: if their entries differ.
+    """
+    given, write = entries(source), _Writer()
+    there = {entry.path: entry for entry in entries(target)}
+    if missing := [entry.path for entry in given if entry.path not in there]:
+        raise StateError(f"{type(target).__name__} has no {missing[0]}")
+    for entry in given:
+        write(there[entry.path], _taken(entry.value))
+
+
+def entries(part: object) -> list[Entry]:
+    """All values that a part of a world or a mission remembers."""
+    found = _Walk(-1)
+    found.find(part, type(part).__name__)
+    return found.entries
+
+
+def _envs(given: Envs, num_envs: int, name: str, *, twice: bool = False) -> Tensor:
+    """Check environments and convert them to int64 [n]."""
+    try:
+        return environments(given, num_envs, name, whole=True, twice=twice)
+    except ValueError as error:
+        raise StateError(str(error)) from None
+
+
+def _check_noise(noise: str) -> None:
+    if noise not in ("shared", "own"):
+        raise StateError(f"noise = {noise!r}: allowed are 'shared' and 'own'")
+
+
+def _size(source: _Walk) -> float:
+    """Bytes of state of each environment."""
+    values = (entry.value for entry in source.entries if entry.of_env)
+    return sum(value.nbytes for value in values if isinstance(value, Tensor)) / source.num_envs
+
+
+def check_memory(each: float, total: int) -> None:
+    """Refuse `total` environments with `each` bytes of state that do not fit into memory.
+
+    Raises:
+        StateError: saying how much memory they would take.
+    """
+    need, free = WORKING_SHARE * each * total, _free_memory()
+    if need > free:
+        raise StateError(
+            f"{total} environments would take about {need / GIB:.1f} GiB of memory; {free / GIB:.1f} GiB are free"
+        )
+
+
+def _free_memory() -> float:
+    """Bytes available without swapping, on the device of the state."""
+    if runtime.current().arch == "cuda":
+        return float(torch.cuda.mem_get_info()[0])
+    try:
+        for line in Path("/proc/meminfo").read_text().splitlines():
+            if line.startswith("MemAvailable:"):
+                return 1024.0 * int(line.split()[1])
+    except (OSError, ValueError):  # not Linux
+        pass
+    return float(os.sysconf("SC_AVPHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
+
+
+class Stateful(Remembers):
+    """A world or a mission whose environments can be saved, restored, copied and forked (module docstring)."""
+
+    num_envs: int
+    program: runtime.Runtime
+
+    def __reduce_ex__(self, protocol: object) -> NoReturn:
+        """Refuse to be copied by `copy` or written by `pickle`: kernels and packs are of this process alone.
+
+        Raises:
+            TypeError: naming what copies and saves.
+        """
+        kind = type(self).__name__
+        raise TypeError(
+            f"a {kind} cannot be copied by `copy` or `pickle`: fork(envs) makes a {kind} of copies of its environments "
+            "(of an adapter: env.mission.fork, env.task.fork), snapshot() takes its state, which torch.save "
+            "writes and restore(...) goes back to"
+        )
+
+    @runtime.torch_at_rest()
+    def snapshot(self) -> Snapshot:
+        """Copy everything that the environments remember; `restore` continues from there, to the bit."""
+        self.program.check()
+        values = {entry.path: _taken(entry.value) for entry in checked(self).entries}
+        return Snapshot(VERSION, about(self), self.num_envs, values, self.made())
+
+    @runtime.torch_at_rest()
+    def restore(self, saved: Snapshot) -> None:
+        """Restore a snapshot of this world, or of one of the same configuration and seed.
+
+        Raises:
+            StateError: for a snapshot of another world, number of environments, or version; nothing is written then.
+        """
+        if not isinstance(saved, Snapshot):
+            raise StateError(f"a {type(saved).__name__} is no snapshot")
+        if saved.version != VERSION:
+            raise StateError(f"the snapshot has version {saved.version}; this program reads version {VERSION}")
+        here = about(self)
+        if wrong := [key for key in here if saved.about.get(key) != here[key]]:
+            differences = ", ".join(f"{key} {saved.about.get(key)!r} instead of {here[key]!r}" for key in wrong)
+            raise StateError(f"the snapshot was taken of another {type(self).__name__}: {differences}")
+        if saved.num_envs != self.num_envs:
+            raise StateError(f"the snapshot has {saved.num_envs} environments, not {self.num_envs}")
+        self.make(saved.made)
+        found = walk(self)
+        missing = {entry.path for entry in found.entries} - saved.values.keys()
+        if missing:
+            raise StateError(f"the snapshot lacks {', '.join(sorted(missing)[:3])}: it was taken of other parts")
+        write = _Writer()
+        for entry in found.entries:
+            write(entry, saved.values[entry.path])
+        restored(found)
+
+    @runtime.torch_at_rest()
+    def copy(self, source_envs: Envs, target_envs: Envs, *, noise: NoiseOf = "shared") -> None:
+        """Make environments `target_envs` [n] equal to `source_envs` [n]; see `NoiseOf`.
+
+        Raises:
+            StateError: for environments that do not exist, a target that is named twice, or another number of targets.
+        """
+        self.program.check()
+        source = _envs(source_envs, self.num_envs, "source_envs", twice=True)
+        target = _envs(target_envs, self.num_envs, "target_envs")
+        if len(source) != len(target):
+            raise StateError(f"{len(source)} source_envs for {len(target)} target_envs")
+        _check_noise(noise)
+        found = checked(self)
+        for entry in found.entries:
+            value = entry.value
+            if entry.of_env and value is not None and not (noise == "own" and isinstance(entry.owner, Noise)):
+                if len(value) == self.num_envs:
+                    value[target] = value[source]
+        restored(found)
+
+    @runtime.torch_at_rest()
+    def fork(self, envs: Envs, copies: int = 1, *, noise: NoiseOf = "shared", into: Any = None) -> Self:
+        """Environments `envs` [n], `copies` times each, in a world of their own: copy c of envs[i] is i copies + c.
+
+        With the same actions a copy that shares the noise does what its source does, until a new episode begins. `into`
+        is an earlier fork of the same size, which is overwritten in milliseconds; without one a world is built, which
+        takes as long as this one did.
+
+        Raises:
+            StateError: for environments that do not exist, `into` of another kind or size, or too little memory; the
+                message says how much.
+        """
+        self.program.check()
+        rows = _envs(envs, self.num_envs, "envs", twice=True)
+        if copies < 1 or not len(rows):
+            raise StateError(f"a fork of {len(rows)} environments, {copies} copies each: there is nothing in it")
+        _check_noise(noise)
+        this: Any = self
+        rows, source = rows.repeat_interleave(copies), walk(self) if into else checked(self)
+        total = len(rows)
+        if into is None:
+            check_memory(_size(source), total)
+            into = this._alike(total)
+        elif (into.num_envs, type(into), into.config, into.seed) != (total, type(self), this.config, this.seed):
+            raise StateError(
+                f"`into` is a {type(into).__name__} of {into.num_envs} environments, scenario "
+                f"{getattr(into.config, 'name', '')!r}, seed {into.seed}: the fork has {total} of "
+                f"{type(self).__name__}, {getattr(this.config, 'name', '')!r}, seed {this.seed}"
+            )
+        into.make(self.made())
+        target, write = {entry.path: entry for entry in walk(into).entries}, _Writer()
+        for entry in source.entries:
+            there, value = target.get(entry.path), entry.value
+            if there is None:
+                raise StateError(f"the fork has no {entry.path}: its parts are others than those of its source")
+            if entry.of_env and isinstance(value, Tensor) and len(value) == self.num_envs:
+                if isinstance(entry.owner, Noise) and noise == "own":
+                    there.value.copy_(FIRST_FORKED + torch.arange(total))
+                    continue
+                write(there, value.index_select(0, rows))
+            else:
+                write(there, _taken(value))
+        restored(walk(into))
+        return into
+
+    def made(self) -> tuple[str, ...]:
+        """Names of parts that are made at first use, and have been made. Default: there are none."""
+        return ()
+
+    def make(self, parts: Sequence[str]) -> None:
+        """Make the parts that `made` has named, so that their state can be written."""
+
+    def _alike(self, num_envs: int) -> Self:
+        """Another world or mission of the same configuration, seed and teams."""
+        raise NotImplementedError

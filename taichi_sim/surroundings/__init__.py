@@ -1,0 +1,1 @@
+"""What a world has around its vehicles: sea, current, wind."""

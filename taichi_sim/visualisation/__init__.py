@@ -1,0 +1,1 @@
+"""What shows an episode: recordings, films, plots."""
