@@ -9,8 +9,7 @@ the far sea would be a mirror. Surfaces take sunlight by Lambert's law and skyli
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportAttributeAccessIssue=false,
-# reportArgumentType=false
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportAttributeAccessIssue=false, reportArgumentType=false
 # pyright: reportGeneralTypeIssues=false
 
 import numpy as np

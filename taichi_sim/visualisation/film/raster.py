@@ -12,8 +12,7 @@ costs twice as much.
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportAttributeAccessIssue=false,
-# reportArgumentType=false
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportAttributeAccessIssue=false, reportArgumentType=false
 # pyright: reportGeneralTypeIssues=false
 
 import numpy as np

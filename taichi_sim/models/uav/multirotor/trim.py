@@ -10,8 +10,7 @@ Of the small motions about it there are the linear model, its modes, and the lon
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportAttributeAccessIssue=false, reportGeneralTypeIssues=false, reportIndexIssue=false,
-# reportInvalidTypeForm=false
+# pyright: reportAttributeAccessIssue=false, reportGeneralTypeIssues=false, reportIndexIssue=false, reportInvalidTypeForm=false
 
 import math
 from dataclasses import dataclass
