@@ -30,8 +30,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
-from rl.divergence import Divergence, NotFiniteError
-from rl.judge import Judge
+from rl.evaluation.judge import Judge
 from rl.perception.due import BEGINS, GOES_ON, Due
 from rl.scenario import Scenario, derive_seed
 from rl.step import COLLIDED, DIVERGED, Endings, Step
@@ -41,6 +40,7 @@ from taichi_sim.config.base import number, span
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import Noise
 from taichi_sim.kernels.rotation import level_states
+from taichi_sim.state.divergence import Divergence, NotFiniteError
 from taichi_sim.state.snapshot import Stateful
 from taichi_sim.visualisation.recording.episode import Episode, Scene
 from taichi_sim.visualisation.recording.overlays import Overlay
@@ -98,7 +98,7 @@ class Mission(Stateful, Generic[C, T]):
     """A mission in `num_envs` environments; see the module.
 
     Class attributes: `Config`, the scenario class, derived from `Scenario`; `Teams`, name -> class of a team; `Team`,
-    that of all others; `Judge`, which measures its evaluation (rl/judge.py).
+    that of all others; `Judge`, which measures its evaluation (rl/evaluation/judge.py).
 
     Attributes:
         config: the scenario. world: the simulated world. teams: name -> Team, of the teams that take part.

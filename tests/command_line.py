@@ -21,7 +21,7 @@ from pathlib import Path
 
 from filelock import FileLock
 
-from rl import cli
+from rl.commands import entry
 from rl.learn.policy import checkpoints
 from rl.missions import load_scenario
 from rl.missions.formation.config import FormationScenario
@@ -83,8 +83,8 @@ def server():
         [
             "rl.runs.main_job",
             "rl.train",
-            "rl.evaluate",
-            "rl.play",
+            "rl.commands.evaluate",
+            "rl.commands.play",
             "taichi_sim.visualisation.plotting.page",
             "rl.guidance.controllers",
         ]
@@ -132,7 +132,7 @@ def _child(
             sys.argv = [module, *arguments]
             runpy.run_path(module, run_name="__main__")
             sys.exit(0)
-        sys.exit(cli.run(importlib.import_module(module).main, list(arguments)))
+        sys.exit(entry.run(importlib.import_module(module).main, list(arguments)))
     finally:
         atexit._run_exitfuncs()  # processes of multiprocessing forget it; the next one finds the compiled kernels
 

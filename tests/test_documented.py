@@ -156,8 +156,8 @@ NEEDS = {
 """What keeps a command from running in a test."""
 OWN_TEST = ("docs/tutorials/", "CONTRIBUTING.md")  # test_tutorials.py; tools of developers have tests by name
 SHORT = {
-    "rl.evaluate": ("--episodes", "2"),
-    "rl.play": ("--duration", "1"),
+    "rl.commands.evaluate": ("--episodes", "2"),
+    "rl.commands.play": ("--duration", "1"),
     "tools.compare": ("--episodes", "2"),
     "tools.hydrodynamics": ("--divisions", "3", "--frequencies", "6", "--range", "1.2", "3.2"),
 }

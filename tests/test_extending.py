@@ -32,7 +32,7 @@ def test_the_vehicle_is_driven_alone(folder):
 def test_the_mission_is_trained_evaluated_recorded_and_judged_by_its_own_figures(folder):
     """Nothing of the repository is touched: the files of the mission are its own."""
     printed("rl.train", "--config", "rendezvous.toml", "--out", "run", *FEW, cwd=folder)
-    told = printed("rl.evaluate", "run", "--episodes", "2", cwd=folder)
+    told = printed("rl.commands.evaluate", "run", "--episodes", "2", cwd=folder)
     assert "final_distance_m" in told
     assert {"ferry.py", "rendezvous.py"} <= {file.name for file in (folder / "run").rglob("*.py")}
     assert (folder / "run" / "episode.rrd").is_file()
@@ -42,5 +42,5 @@ def test_the_mission_is_trained_evaluated_recorded_and_judged_by_its_own_figures
 def test_the_mission_learns(folder):
     """Vehicles that begin 50 m away on average end within 25 m."""
     printed("rl.train", "--config", "rendezvous.toml", "--out", "long", cwd=folder)
-    told = printed("rl.evaluate", "long", cwd=folder)
+    told = printed("rl.commands.evaluate", "long", cwd=folder)
     assert float(re.search(r'"final_distance_m": ([\d.]+)', told).group(1)) < 25.0

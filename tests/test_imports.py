@@ -12,13 +12,10 @@ ROOT = Path(__file__).resolve().parent.parent
 # From the bottom up; a name stands for the module or package and all inside it.
 LAYERS = (
     (
-        "taichi_sim.config.arguments",
-        "taichi_sim.kernels.conventions",
         "taichi_sim.config",
         "taichi_sim.kernels",
         "taichi_sim.state.memory",
         "taichi_sim.visualisation.plotting",
-        "rl.guidance.forecast",
         "taichi_sim.state.snapshot",
     ),
     ("taichi_sim.surroundings.sea", "taichi_sim.surroundings.air"),
@@ -36,26 +33,27 @@ LAYERS = (
     ("taichi_sim.state.dump",),
     ("taichi_sim.randomisation",),
     ("taichi_sim.world",),
+    ("taichi_sim.state.divergence",),
     ("taichi_sim.applications.bench", "taichi_sim.visualisation.recording", "taichi_sim.applications.hydro"),
     ("taichi_sim.applications.trials", "taichi_sim.applications.sitl", "taichi_sim.applications.fit"),
     ("taichi_sim.visualisation.film",),
     ("taichi_sim.applications.commands",),
-    ("rl.processes", "rl.course"),
+    ("rl.runs.signals", "rl.runs.processes", "rl.guidance.course"),
     ("rl.perception",),
     ("rl.scenario",),
-    ("rl.divergence", "rl.step"),
+    ("rl.step",),
     ("rl.team",),
-    ("rl.judge", "rl.rewards"),
+    ("rl.evaluation.judge", "rl.guidance.rewards"),
     ("rl.mission",),
-    ("rl.guidance", "rl.figures"),
+    ("rl.guidance", "rl.evaluation.figures"),
     ("rl.missions", "rl.adapters.render", "rl.planning"),
     ("rl.learn",),
     ("rl.runs.folder", "rl.runs.launch"),
     ("rl.evaluation",),
     ("rl.runs",),
     ("rl.adapters",),
-    ("rl.cli",),
-    ("rl.train", "rl.evaluate", "rl.tune", "rl.play", "rl.report"),
+    ("rl.commands.entry",),
+    ("rl.train", "rl.commands.evaluate", "rl.commands.tune", "rl.commands.play", "rl.commands.report"),
     ("rl.commands",),
     ("tools",),
 )
@@ -64,7 +62,7 @@ STRANGERS = (
     {"taichi_sim.surroundings.sea", "taichi_sim.surroundings.air"},
     {"taichi_sim.models.usv", "taichi_sim.models.uav"},
     {"taichi_sim.applications.bench", "taichi_sim.visualisation.recording"},
-    {"rl.train", "rl.evaluate", "rl.tune", "rl.play", "rl.report"},
+    {"rl.train", "rl.commands.evaluate", "rl.commands.tune", "rl.commands.play", "rl.commands.report"},
 )
 PACKAGES = ("taichi_sim", "rl", "tools")
 
@@ -160,7 +158,7 @@ def test_every_package_was_walked():
         ("rl/perception/sensors.py", "import tools"),
         ("rl/missions/formation/mission.py", "def late():\n    from rl import train"),
         ("rl/missions/formation/mission.py", "from ...train import main"),
-        ("rl/missions/formation/mission.py", "from ... import play"),
+        ("rl/missions/formation/mission.py", "from ...commands import play"),
         ("taichi_sim/surroundings/sea/waves.py", "import taichi_sim.models.usv.unity_boat as boat"),
         ("taichi_sim/models/usv/unity_boat.py", "from taichi_sim.models.uav import unity_aircraft"),
         ("rl/learn/stages.py", "from tools import validate"),
@@ -172,7 +170,7 @@ def test_every_package_was_walked():
 def test_an_arrow_that_runs_back_is_found(tmp_path, module, statement):
     for name in (
         "taichi_sim/models/usv/unity_boat", "taichi_sim/models/uav/unity_aircraft",
-        "rl/train", "rl/play", "rl/scenario",
+        "rl/train", "rl/commands/play", "rl/scenario",
         "taichi_sim/__init__", "rl/__init__", "tools/validate", "taichi_sim/world",
     ):  # fmt: skip
         file = tmp_path / f"{name}.py"

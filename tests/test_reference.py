@@ -27,7 +27,13 @@ def test_every_name_of_rl_is_told_of():
 
 
 def test_the_contracts_of_missions_are_there():
-    contracts = {"rl.mission", "rl.team.Team", "rl.judge.Judge", "rl.scenario.Scenario", "rl.planning.planner.Planner"}
+    contracts = {
+        "rl.mission",
+        "rl.team.Team",
+        "rl.evaluation.judge.Judge",
+        "rl.scenario.Scenario",
+        "rl.planning.planner.Planner",
+    }
     assert contracts <= {*NAMED}
 
 

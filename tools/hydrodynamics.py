@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rl.cli import positive_float
+from rl.commands.entry import positive_float
 from taichi_sim.applications.hydro import floating_hull, make_database
 from taichi_sim.applications.hydro.floating_hull import vehicle_text
 from taichi_sim.applications.hydro.frequency_sweep import require_capytaine

@@ -7,16 +7,16 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from rl.cli import run
 from rl.commands.bundle import bundle
+from rl.commands.entry import run
 
 SCRIPTS = {  # name -> module, further arguments, description
     "train": ("rl.train", (), "train the teams of a scenario, evaluate, record, report"),
-    "evaluate": ("rl.evaluate", (), "judge a run's policies on unseen episodes"),
-    "sweep": ("rl.evaluate", ("--sweep",), "the same under many conditions, beside the classical controller"),
-    "play": ("rl.play", (), "record, film or watch an episode"),
-    "report": ("rl.report", (), "write report.html of a run again, or one that compares two runs"),
-    "tune": ("rl.tune", (), "search for the numbers of a classical controller"),
+    "evaluate": ("rl.commands.evaluate", (), "judge a run's policies on unseen episodes"),
+    "sweep": ("rl.commands.evaluate", ("--sweep",), "the same under many conditions, beside the classical controller"),
+    "play": ("rl.commands.play", (), "record, film or watch an episode"),
+    "report": ("rl.commands.report", (), "write report.html of a run again, or one that compares two runs"),
+    "tune": ("rl.commands.tune", (), "search for the numbers of a classical controller"),
     "compare": ("tools.compare", (), "several training seeds against classical control, with intervals"),
     "benchmark": ("tools.benchmark", (), "measure speed on this machine"),
     "draw-sea": ("tools.draw_sea", (), "a picture of a scenario's sea"),

@@ -13,12 +13,12 @@ from torch import Tensor
 from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
-from rl import processes
 from rl.evaluation.episodes import mission_class, one_episode_each, run_episodes
-from rl.judge import Episodes, Judge, finite
+from rl.evaluation.judge import Episodes, Judge, finite
 from rl.learn.policy import UNTRAINED, ClassicalPolicy, Policy, TrainedPolicy, checkpoints, load_policy
 from rl.learn.progress import CHECKUPS, HISTORY, read_rows, spent, write_rows
 from rl.mission import ControllerError, Mission, Team
+from rl.runs import processes
 from rl.runs.folder import Figures
 from rl.scenario import Scenario, derive_seed
 from taichi_sim.config.arguments import ActionError

@@ -1,8 +1,8 @@
 """Evaluation of controllers on held-out episodes: worlds, seas and starts that no training has used.
 
-Every environment runs one episode, and the mission's judge measures it (rl/judge.py). Policies run on one thread, so
-that the result does not depend on the number of threads. An episode depends on the whole chunk that runs beside it:
-repeating one episode means running its chunk again.
+Every environment runs one episode, and the mission's judge measures it (rl/evaluation/judge.py). Policies run on one
+thread, so that the result does not depend on the number of threads. An episode depends on the whole chunk that runs
+beside it: repeating one episode means running its chunk again.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from rl import processes
 from rl.evaluation.episode_log import MAX_CRASHES, Crash, EpisodeLog, Excerpt
-from rl.judge import Episodes, Judge
+from rl.evaluation.judge import Episodes, Judge
 from rl.learn.policy import Policy
 from rl.mission import Mission
 from rl.missions import find_mission
+from rl.runs import processes
 from rl.runs.folder import EvaluationResult
 from rl.scenario import Scenario, derive_seed
 from taichi_sim.config import ConfigError
@@ -105,7 +105,7 @@ def judge_trials(
 ) -> list[EvaluationOutcome | Exception]:
     """Run several trials and return their outcomes in order, or the error of a trial if `cannot` lists its type.
 
-    Processes share the chunks (rl/processes). Rank 0 gets the outcomes, with the same bits as in a single process; the
+    Processes share the chunks (rl/runs/processes.py). Rank 0 gets the outcomes, with the same bits as in a single process; the
     other ranks get an empty list.
     """
     for trial in trials:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from rl.evaluation.episodes import Trial, judge_episodes, judge_trials
 from rl.evaluation.intervals import Interval, paired
-from rl.judge import Judge
+from rl.evaluation.judge import Judge
 from rl.learn.policy import ClassicalPolicy, Policy
 from rl.planning.planner import Planner
 from rl.scenario import Scenario

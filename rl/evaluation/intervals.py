@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rl.judge import Episodes, Judge, finite
+from rl.evaluation.judge import Episodes, Judge, finite
 
 RESAMPLES = 2000
 LEVEL = 0.95

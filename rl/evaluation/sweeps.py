@@ -25,13 +25,13 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from tqdm import tqdm
 
-from rl import processes
 from rl.evaluation.episodes import judge_episodes, mission_class
 from rl.evaluation.intervals import Interval, differences, intervals
-from rl.judge import Judge
+from rl.evaluation.judge import Judge
 from rl.learn.policy import CheckpointError, Policy, checkpoints
 from rl.missions import find_mission, shipped
 from rl.runs import folder as run_folder
+from rl.runs import processes
 from rl.scenario import Scenario
 from rl.team import ControllerError
 from taichi_sim.config import ConfigError, Positive, Strict
@@ -297,7 +297,7 @@ def run_sweep(
 ) -> Path:
     """Run a sweep, the content of `file`; return the folder of its tables.
 
-    Processes (rl/processes) share the cells; rank 0 writes. `tell` is called with an estimate of the remaining time.
+    Processes (rl/runs/processes.py) share the cells; rank 0 writes. `tell` is called with an estimate of the remaining time.
 
     Raises:
         ConfigError: if the sweep has the seed of the evaluation or of the training, or a key that no scenario has.

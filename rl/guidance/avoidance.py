@@ -67,7 +67,8 @@ AVOID = 500.0  # ns per vehicle, about: few vehicles have something in their way
 
 
 class AvoidanceGains(Strict):
-    """Gains of avoidance. Controllers add their own; `[TEAM.control]` of a scenario sets them, and rl/tune.py tunes."""
+    """Gains of avoidance. Controllers add their own; `[TEAM.control]` of a scenario sets them, and taichi-sim tune
+    tunes."""
 
     acceleration: Positive  # a, m/s^2
     horizon: Positive = 8.0  # s

@@ -25,7 +25,7 @@ import taichi as ti
 import torch
 from torch import Tensor
 
-from rl.course.tracks import Tracks, TrackSample, track_point
+from rl.guidance.course.tracks import Tracks, TrackSample, track_point
 from rl.perception.due import GOES_ON, NOT_DUE, Due
 from rl.perception.radio import Message
 from taichi_sim.config import WorldConfig

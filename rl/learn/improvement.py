@@ -19,10 +19,10 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from rl import processes
 from rl.learn.env import Extras, MissionEnv
 from rl.learn.ppo import LeanPPO
 from rl.planning.planner import PlanConfig, Planner, path_integral_mean
+from rl.runs import processes
 from rl.scenario import StageConfig
 from rl.team import Team
 

@@ -23,7 +23,7 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 from torch.nn import functional
 
-from rl import processes
+from rl.runs import processes
 
 SLOWER, FASTER, STEP = 1e-5, 1e-2, 1.5  # rsl-rl's limits of an adaptive learning rate, and its factor
 PIECE = 6144  # samples at a time: more leave the cache, fewer cost overhead

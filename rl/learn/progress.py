@@ -23,10 +23,9 @@ from rsl_rl.utils.logger import Logger
 from torch import Tensor
 from tqdm import tqdm
 
-from rl import processes
 from rl.learn.env import Extras, Learner
 from rl.mission import History
-from rl.processes import signals
+from rl.runs import processes, signals
 from taichi_sim.config.io import replacing
 
 HISTORY, CHECKUPS = "progress.csv", "checkups.csv"

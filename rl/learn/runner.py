@@ -9,7 +9,6 @@ import torch
 from rsl_rl.runners import OnPolicyRunner
 from tqdm import tqdm
 
-from rl import processes
 from rl.learn.env import MissionEnv
 from rl.learn.improvement import PlannedImprovement
 from rl.learn.policy import (
@@ -23,7 +22,7 @@ from rl.learn.policy import (
 )
 from rl.learn.ppo import LeanPPO
 from rl.learn.progress import COLUMNS, HISTORY, ProgressLogger, spent, trim_history, writer_config
-from rl.processes import signals
+from rl.runs import processes, signals
 from rl.scenario import StageConfig
 
 
@@ -104,7 +103,7 @@ class StageRunner(OnPolicyRunner):
     def _configure_multi_gpu(self) -> None:
         """Set rank and number of processes.
 
-        rsl-rl's own method requires nccl and `cuda:RANK`; here rl/processes has joined the processes already.
+        rsl-rl's own method requires nccl and `cuda:RANK`; here rl/runs/processes.py has joined the processes already.
         """
         place = processes.here()
         self.gpu_world_size, self.gpu_global_rank, self.gpu_local_rank = place.count, place.rank, place.local_rank

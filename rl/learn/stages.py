@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import torch
 
-from rl import processes
 from rl.learn.companion import Companion
 from rl.learn.env import Learner, MissionEnv, Watch
 from rl.learn.export import ONNX, TORCHSCRIPT, export_policy
@@ -28,6 +27,7 @@ from rl.learn.progress import HISTORY, spent
 from rl.learn.results import Batch, StageResult, Verdict
 from rl.learn.runner import StageRunner
 from rl.missions import make_mission
+from rl.runs import processes
 from rl.scenario import Scenario, StageConfig, at_stage, derive_seed
 
 Judged = Callable[[Mapping[str, TrainedPolicy]], float]
@@ -51,7 +51,7 @@ def train_stages(
 ) -> list[StageResult]:  # fmt: skip
     """Train every stage that is not finished in `out`, from its last checkpoint; return the stages' results.
 
-    With several processes (rl/processes), each has its share of a stage's environments; rank 0 alone reads and writes
+    With several processes (rl/runs/processes.py), each has its share of a stage's environments; rank 0 alone reads and writes
     `out`.
 
     Vehicle files lie beside the scenario's file `source`. `dumps` is a folder for environments whose state stopped

@@ -1,7 +1,8 @@
 """Sensing within the detection range: the nearest obstacles and team mates of each vehicle.
 
 An obstacle is a vertical cylinder: one that stands on the sea, (north, east, radius, height), or a body that moves and
-lies between two heights (rl/course/obstacles.py). Its distance to a vehicle's origin is that to the nearest point of
+lies between two heights (rl/guidance/course/obstacles.py). Its distance to a vehicle's origin is that to the nearest
+point of
 its surface: horizontal beside it, vertical above its top and below its bottom. Kernels and torch code use the columns
 of tables alike; controllers read metres and NED, policies signals in the vehicle's own frame.
 """
@@ -14,7 +15,7 @@ from typing import Literal, NamedTuple
 import taichi as ti
 import torch
 
-from rl.course.obstacles import AWAY, BOTTOM, EAST, NORTH, RADIUS, ROWS, TOP, V_EAST, V_NORTH, Bodies
+from rl.guidance.course.obstacles import AWAY, BOTTOM, EAST, NORTH, RADIUS, ROWS, TOP, V_EAST, V_NORTH, Bodies
 from rl.perception.due import NOT_DUE, Due
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime

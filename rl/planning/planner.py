@@ -20,7 +20,7 @@ import torch
 from pydantic import Field, model_validator
 from torch import Tensor
 
-from rl.course.obstacles import AWAY, BOTTOM, CARRIED, EAST, NORTH, RADIUS, TOP, V_EAST, V_NORTH
+from rl.guidance.course.obstacles import AWAY, BOTTOM, CARRIED, EAST, NORTH, RADIUS, TOP, V_EAST, V_NORTH
 from rl.perception.sensors import Obstacle
 from rl.team import ControllerError
 from taichi_sim.config import ConfigError, NonNegative, Positive, Strict
@@ -324,7 +324,8 @@ class HonestPlanner(Planner):
 
 
 def write_obstacles_as_bodies(table: Tensor, position: Tensor, seen: Tensor) -> None:
-    """Write sensed obstacles into a table of bodies [env, 8, body] (rl/course/obstacles.py), from its first column on.
+    """Write sensed obstacles into a table of bodies [env, 8, body] (rl/guidance/course/obstacles.py), from its first
+    column on.
 
     Args:
         position: [env, vehicle, 2 or more] of the vehicles that sensed them, as they know it, m, NED.

@@ -28,9 +28,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import TypedDict, TypeVar
 
-from rl import processes
 from rl.learn.results import StageResult
 from rl.missions import load_scenario
+from rl.runs import processes
 from rl.scenario import Scenario
 from taichi_sim.config import ConfigError
 from taichi_sim.config.files import files_of, named_files, with_files

@@ -19,8 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from rl import processes
-from rl.processes import signals
+from rl.runs import processes, signals
 from rl.runs.folder import RunError
 
 RESTARTS = 20  # most restarts after lost processes

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
-from rl import processes
 from rl.evaluation.checkups import check_stage
 from rl.evaluation.episodes import (
     CHUNK,
@@ -25,6 +24,7 @@ from rl.learn.policy import UNTRAINED, Policy, load_policy, policies_of
 from rl.learn.progress import HISTORY, spent, team_history
 from rl.learn.stages import Observers, train_stages
 from rl.runs import folder as run_folder
+from rl.runs import processes
 from rl.runs.folder import EvaluationResult, Summary
 from rl.scenario import Scenario, derive_seed
 from rl.team import ControllerError
@@ -44,7 +44,7 @@ def run_main_job(
 ) -> Summary | None:  # fmt: skip
     """Train, evaluate, record and draw into the run folder `out`; return the content of summary.json.
 
-    With several processes (rl/processes), only rank 0 writes to `out`. The other ranks read their scenario from
+    With several processes (rl/runs/processes.py), only rank 0 writes to `out`. The other ranks read their scenario from
     `source` and return None. `watch` is called after each training step. `logger` is "tensorboard", "wandb" or "none".
 
     Raises:

@@ -44,8 +44,8 @@ def put(run: Path, what: str, marker: Path) -> Path:
 def test_a_bad_checkpoint_is_named_and_executes_nothing(what, here, run, tmp_path):
     file = put(run, what, tmp_path / "marker")
     before = content(run)
-    here("rl.evaluate", run).fails(str(file), "checkpoint")
-    here("rl.play", run).fails(str(file), "checkpoint")
+    here("rl.commands.evaluate", run).fails(str(file), "checkpoint")
+    here("rl.commands.play", run).fails(str(file), "checkpoint")
     here("rl.train", "--out", run, "--resume").fails(str(file), "checkpoint")
     assert not (tmp_path / "marker").exists()
     assert content(run) == before
@@ -54,18 +54,18 @@ def test_a_bad_checkpoint_is_named_and_executes_nothing(what, here, run, tmp_pat
 def test_a_checkpoint_of_another_network_is_named(here, run):
     config = run / "config.toml"
     config.write_text(config.read_text().replace("64,\n    64,", "32,\n    32,"))
-    here("rl.evaluate", run).fails("model_4.pt", "network")
+    here("rl.commands.evaluate", run).fails("model_4.pt", "network")
 
 
 def test_policies_of_other_observations_are_refused(here, run):
-    here("rl.evaluate", run, "--set", "sensing.obstacles=5").fails("observations", "trained on")
+    here("rl.commands.evaluate", run, "--set", "sensing.obstacles=5").fails("observations", "trained on")
 
 
 @pytest.mark.parametrize("count", [*(pytest.param(n, marks=pytest.mark.slow) for n in (1, 8)), 16])
 def test_policies_fly_teams_of_another_size_and_shape(here, run, count):
     """Trained with three abreast; 16 wedges are 85 m wide to a side, and bends 100 m."""
     others = (f"usv.count={count}", f"uav.count={count}", "usv.formation=wedge", "uav.formation=wedge")
-    ending = here("rl.evaluate", run, *sets(*others, "usv.formation.change_every=1"))
+    ending = here("rl.commands.evaluate", run, *sets(*others, "usv.formation.change_every=1"))
     assert ending.status == 0, ending.err
     assert set(json.loads(ending.out)["teams"]) == {"usv", "uav"}
 
@@ -81,8 +81,8 @@ def spoil(checkpoint: Path) -> None:
 
 def test_a_policy_that_acts_nan_is_named(here, run):
     spoil(checkpoints(run / "usv")[-1])
-    here("rl.evaluate", run).fails("finite")
-    here("rl.play", run).fails("finite")
+    here("rl.commands.evaluate", run).fails("finite")
+    here("rl.commands.play", run).fails("finite")
 
 
 def test_training_that_has_diverged_is_named_and_nothing_is_lost(here, run):

@@ -4,7 +4,7 @@ import subprocess
 import sys
 
 import pytest
-from command_line import ROOT, TIMEOUT, TINY, Ending, sets
+from command_line import TIMEOUT, TINY, Ending, sets
 
 from rl.missions import load_scenario
 from rl.missions.formation.judge import FormationJudge
@@ -81,14 +81,14 @@ def test_bad_arguments_are_refused(arguments, here):
     assert arguments[0] in ending.err
 
 
-@pytest.mark.parametrize("module", ["rl.evaluate", "rl.play", "rl.report"])
+@pytest.mark.parametrize("module", ["rl.commands.evaluate", "rl.commands.play", "rl.commands.report"])
 def test_what_is_not_a_run_is_named(module, here, tmp_path):
     here(module, tmp_path / "gone").fails("gone", "not a run folder")
     here(module, tmp_path).fails(str(tmp_path), "not a run folder")
 
 
 def test_evaluate_help_defines_every_figure():
-    from rl.evaluate import parser
+    from rl.commands.evaluate import parser
 
     text = parser().format_help()
     for key, definition in FormationJudge.definitions.items():
@@ -104,9 +104,9 @@ def test_evaluate_help_defines_every_figure():
         ("play", ["gone"], "not a run folder"),
     ],
 )
-def test_the_scripts_themselves_end_with_the_message_and_status(name, arguments, words, tmp_path):
+def test_the_commands_themselves_end_with_the_message_and_status(name, arguments, words, tmp_path):
     """By default the same messages and statuses are tested in this process, and tiny_run is a script that ends well."""
-    script = [sys.executable, str(ROOT / "rl" / f"{name}.py"), *arguments]
+    script = [sys.executable, "-m", "rl.commands.main", name, *arguments]
     done = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, timeout=TIMEOUT)
     Ending(done.returncode, done.stdout, done.stderr).fails(words)
     assert not list(tmp_path.iterdir())

@@ -8,9 +8,9 @@ import pytest
 import torch
 from small_missions import begin, make, observed, state, still
 
-from rl.divergence import NotFiniteError
 from rl.missions import load_scenario, make_mission
 from rl.missions.formation.mission import Formation
+from taichi_sim.state.divergence import NotFiniteError
 from taichi_sim.state.snapshot import walk
 
 PLUGIN = Path(__file__).parents[1] / "data" / "plugins" / "buoys.toml"

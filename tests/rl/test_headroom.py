@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from command_line import server
 
-from rl import processes
 from rl.evaluation.headroom import Bound, digest, headroom, judge_on_bounds, read_bounds, run_bound, write_bounds
 from rl.evaluation.store import load_headroom, save_headroom
 from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario
 from rl.missions.formation.judge import FormationJudge
+from rl.runs import processes
 from taichi_sim.config.io import config_folder
 
 RNG = np.random.default_rng(3)

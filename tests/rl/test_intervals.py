@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rl.evaluation.intervals import differences, intervals, ratios
-from rl.judge import Judge
+from rl.evaluation.judge import Judge
 from rl.missions.formation.judge import FormationJudge
 
 

@@ -7,7 +7,7 @@ import torch
 from small_missions import AXES, PAPER_SIZE, TEAMS, begin, make, observed, past_and_present, wander
 from torch import Tensor
 
-from rl.course.tracks import Tracks
+from rl.guidance.course.tracks import Tracks
 from rl.missions.formation.mission import Formation
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 

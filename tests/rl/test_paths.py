@@ -8,8 +8,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from rl.course.obstacles import generate_obstacles
-from rl.course.tracks import Tracks, generate_tracks
+from rl.guidance.course.obstacles import generate_obstacles
+from rl.guidance.course.tracks import Tracks, generate_tracks
 
 WORLDS = 48
 LANE_M = 30.0

@@ -1,4 +1,5 @@
-"""`rl/play.py --film`: a film instead of a recording, or both; what cannot be is told before anything is simulated."""
+"""`taichi-sim play --film`: a film instead of a recording, or both; what cannot be is told before anything is
+simulated."""
 
 import pytest
 from PIL import Image
@@ -11,12 +12,12 @@ SMALL = ("--duration", "0.4", "--film-size", "64x48", "--film-fps", "5")
 def test_a_film_takes_the_recordings_place_unless_both_are_wanted(run, tmp_path, here):
     before = set(run.iterdir())
     film = tmp_path / "film.gif"
-    ending = here("rl.play", run, "--film", film, *SMALL)
+    ending = here("rl.commands.play", run, "--film", film, *SMALL)
     assert ending.status == 0, ending.err
     assert ending.out.splitlines()[-1] == f"film: {film}"
     assert set(run.iterdir()) == before
     assert (Image.open(film).n_frames, Image.open(film).size) == (2, (64, 48))
-    ending = here("rl.play", run, "--film", film, "--out", tmp_path / "both.rrd", *SMALL)
+    ending = here("rl.commands.play", run, "--film", film, "--out", tmp_path / "both.rrd", *SMALL)
     assert ending.status == 0 and (tmp_path / "both.rrd").is_file(), ending.err
 
 
@@ -34,5 +35,5 @@ def test_what_cannot_be_filmed_is_told_before_anything_is_simulated(
 ):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(record, "record_episode", None)
-    here("rl.play", run, *arguments).fails(*words, status=status)
+    here("rl.commands.play", run, *arguments).fails(*words, status=status)
     assert [path.name for path in tmp_path.iterdir()] == ["run"]

@@ -16,10 +16,9 @@ import pytest
 import torch
 from command_line import ROOT, TEAMS, command, content, iterations, server, sets
 
-from rl import cli, processes
+from rl.commands import entry
 from rl.missions import load_scenario
-from rl.processes import signals
-from rl.runs import launch
+from rl.runs import launch, processes, signals
 from rl.runs.folder import RunError
 
 ENVS, STEPS, VEHICLES = 12, 8, 3
@@ -45,7 +44,7 @@ def both(count: int) -> list[str]:
 
 
 def start(out: Path, *arguments: object, script: str = "train") -> subprocess.Popen:
-    words = [sys.executable, str(ROOT / "rl" / f"{script}.py"), *map(str, arguments), "--quiet"]
+    words = [sys.executable, "-m", "rl.commands.main", script, *map(str, arguments), "--quiet"]
     words += ["--out", str(out)] if script == "train" else []
     return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
 
@@ -276,8 +275,8 @@ def test_a_process_that_differs_is_named_with_what_differs():
     config = load_scenario("paper")
     other = load_scenario("paper", ["sea.hs=0.9", "usv.count=4"])
     same = ("abc", config, {"torch": "2.13.0", "taichi": "1.7.4"})
-    cli._refuse_differences([same, same])
+    entry._refuse_differences([same, same])
     with pytest.raises(RunError, match="process 1 of 2 has another scenario than process 0: they differ in sea, usv"):
-        cli._refuse_differences([same, ("abd", other, same[2])])
+        entry._refuse_differences([same, ("abd", other, same[2])])
     with pytest.raises(RunError, match="process 2 of 3 has torch 2.12.0, process 0 has 2.13.0: all processes need"):
-        cli._refuse_differences([same, same, ("abc", config, same[2] | {"torch": "2.12.0"})])
+        entry._refuse_differences([same, same, ("abc", config, same[2] | {"torch": "2.12.0"})])

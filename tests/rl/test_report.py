@@ -10,11 +10,11 @@ from command_line import TEAMS, forget, tiny_run
 
 from rl.evaluation import episodes as evaluation
 from rl.evaluation.episode_log import Ended, Excerpt, TeamLog, load_log, save_log
+from rl.evaluation.judge import Judge
 from rl.evaluation.record import record_episode
 from rl.evaluation.report import episodes as shown_part
 from rl.evaluation.report import write_report
 from rl.evaluation.store import load_evaluation
-from rl.judge import Judge
 from rl.learn.policy import policies_of
 from rl.runs import folder as run_folder
 
@@ -62,7 +62,7 @@ def test_the_main_jobs_report_is_one_file_that_asks_for_nothing():
 @pytest.mark.slow
 def test_a_recording_is_linked_where_there_is_one(run, here):
     assert f"taichi-sim play {run} --worst" in write_report([run]).read_text()
-    assert here("rl.play", run, "--worst").status == 0
+    assert here("rl.commands.play", run, "--worst").status == 0
     links = Links(write_report([run]).read_text())
     assert [link for link in links.found if not link.startswith(("#", "data:"))] == ["worst.rrd"]
     assert (run / "worst.rrd").is_file()
@@ -70,7 +70,7 @@ def test_a_recording_is_linked_where_there_is_one(run, here):
 
 def test_a_report_says_what_is_missing_and_how_to_make_it(run, here):
     forget(run, "uav")
-    ending = here("rl.report", run)
+    ending = here("rl.commands.report", run)
     assert ending.status == 0, ending.err
     page = (run / "report.html").read_text()
     for words in ("training is not finished", f"taichi-sim evaluate {run}", "--sweep default", "--resume"):
@@ -82,7 +82,7 @@ def test_two_runs_stand_side_by_side(run, tmp_path, here):
     other = shutil.copytree(run, tmp_path / "other")
     config = other / "config.toml"
     config.write_text(config.read_text().replace("hs = 0.5", "hs = 0.6"))
-    ending = here("rl.report", run, other)
+    ending = here("rl.commands.report", run, other)
     assert ending.status == 0, ending.err
     page = (run / "report-and-other.html").read_text()
     assert "run: policy - other: policy" in page and "Collisions: other" in page
@@ -111,15 +111,15 @@ def test_an_episode_that_was_judged_is_run_again(name, run, monkeypatch):
 
 
 def test_the_worst_is_of_the_last_evaluation_and_under_its_conditions(run, here):
-    here("rl.play", run, "--worst", "--set", "sea.hs=1").fails("leave out")
-    here("rl.play", run, "--worst", "--median").fails("not allowed", status=2)
-    assert here("rl.evaluate", run, "--set", "sea.hs=0.8", "--episodes", "3").status == 0
+    here("rl.commands.play", run, "--worst", "--set", "sea.hs=1").fails("leave out")
+    here("rl.commands.play", run, "--worst", "--median").fails("not allowed", status=2)
+    assert here("rl.commands.evaluate", run, "--set", "sea.hs=0.8", "--episodes", "3").status == 0
     found = load_evaluation(run, "policy")
     assert found is not None and str(found.conditions) == "--set sea.hs=0.8" and found.result["episodes"] == 3
-    assert here("rl.play", run, "--worst").status == 0
+    assert here("rl.commands.play", run, "--worst").status == 0
     assert (run / "worst.rrd").is_file()
     shutil.rmtree(run / "evaluation")
-    here("rl.play", run, "--worst").fails("no evaluation of 'policy'", "taichi-sim evaluate")
+    here("rl.commands.play", run, "--worst").fails("no evaluation of 'policy'", "taichi-sim evaluate")
 
 
 def test_collided_comes_before_failed_and_failed_before_a_large_error():

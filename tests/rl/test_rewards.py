@@ -6,7 +6,7 @@ import pytest
 import torch
 from small_missions import make, wander
 
-from rl import rewards as terms
+from rl.guidance import rewards as terms
 from rl.missions.formation import rewards
 
 

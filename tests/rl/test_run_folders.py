@@ -51,10 +51,12 @@ def test_what_was_begun_with_other_versions_is_told_of(run):
 
 
 def test_wrong_overrides_are_not_the_saved_files_fault(here, run):
-    ending = here("rl.evaluate", run, "--set", "sea.swell.tp=7")
+    ending = here("rl.commands.evaluate", run, "--set", "sea.swell.tp=7")
     ending.fails("sea.swell.hs: missing")
     assert "does not fit this version" not in ending.err
-    here("rl.evaluate", run, "--set", "evaluation.settle=3", "--set", "episode_duration=3").fails("must exceed")
+    here("rl.commands.evaluate", run, "--set", "evaluation.settle=3", "--set", "episode_duration=3").fails(
+        "must exceed"
+    )
 
 
 def test_a_folder_in_use_is_refused(here, run):
@@ -67,9 +69,9 @@ def test_a_folder_in_use_is_refused(here, run):
 def test_a_configuration_that_no_longer_parses_can_be_replaced(here, run):
     file = run / "config.toml"
     file.write_text(file.read_text().replace("spacing", "gap"))
-    for module in ("rl.evaluate", "rl.play"):
+    for module in ("rl.commands.evaluate", "rl.commands.play"):
         here(module, run).fails(str(file), "usv.gap", "uav.gap", "--config")
-    ending = here("rl.evaluate", run, "--config", config_folder() / "paper.toml", *sets(*TINY))
+    ending = here("rl.commands.evaluate", run, "--config", config_folder() / "paper.toml", *sets(*TINY))
     assert ending.status == 0, ending.err
     assert set(json.loads(ending.out)["teams"]) == set(TEAMS)
 
@@ -78,11 +80,13 @@ def test_a_run_of_the_former_paper_is_told_its_name_now(here, run):
     file, fast = run / "config.toml", ("--episodes", "1")
     plan = '\n[usv.residual]\n\n[stages.usv_plan]\nteam = "usv"\niterations = 1\n'
     file.write_text(file.read_text() + plan)
-    for module in ("rl.evaluate", "rl.play"):
+    for module in ("rl.commands.evaluate", "rl.commands.play"):
         here(module, run, "--config", "paper").fails(str(run), "is `lanes` now", "--config lanes")
-    ending = here("rl.evaluate", run, *fast, "--set", "usv.residual.velocity=0")
+    ending = here("rl.commands.evaluate", run, *fast, "--set", "usv.residual.velocity=0")
     assert ending.status == 0 and "classical controller acts" not in ending.err, ending.err
-    here("rl.evaluate", run, *fast, "--set", "usv.residual.velocity=1").fails("its observations differ", "'reference'")
+    here("rl.commands.evaluate", run, *fast, "--set", "usv.residual.velocity=1").fails(
+        "its observations differ", "'reference'"
+    )
 
 
 @contextlib.contextmanager
@@ -125,10 +129,10 @@ def test_a_disk_full_in_stage_two_keeps_stage_one(run, tmp_path):
 
 def test_an_evaluation_that_cannot_be_written_says_so(here, run, tmp_path):
     (tmp_path / "file").write_text("")
-    for module, option, name in (("rl.evaluate", "--json", "a.json"), ("rl.play", "--film", "a.gif")):
+    for module, option, name in (("rl.commands.evaluate", "--json", "a.json"), ("rl.commands.play", "--film", "a.gif")):
         place = tmp_path / "file" / name
         here(module, run, option, place).fails(option, str(place), "Not a directory", status=2)  # before any episode
-    here("rl.play", run, "--out", tmp_path / "file" / "a.rrd").fails("cannot be written", "Not a directory")
+    here("rl.commands.play", run, "--out", tmp_path / "file" / "a.rrd").fails("cannot be written", "Not a directory")
 
 
 def test_commands_for_a_user_to_paste_bear_a_space(run, tmp_path):

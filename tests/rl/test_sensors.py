@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from rl.course.obstacles import ROWS, Bodies
+from rl.guidance.course.obstacles import ROWS, Bodies
 from rl.perception.sensors import Sensor
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime

@@ -8,7 +8,7 @@ import torch
 from phases import due
 from torch import Tensor
 
-from rl.course.tracks import generate_tracks
+from rl.guidance.course.tracks import generate_tracks
 from rl.guidance.geometry import DRIFT_SCALE, DRIFT_TIME, OFFSET, RATE, Geometry
 from rl.guidance.geometry import SLOT_SIZE as SIZE
 from rl.guidance.shapes import SHAPES, formation_offsets, lane_half_width

@@ -66,13 +66,13 @@ def swept(run: Path, file: Path, kinds=("policy", "classical"), **options) -> Pa
 def test_a_mistake_in_a_sweep_is_named_and_nothing_is_made(before, after, words, file, here):
     assert before in TWO_AXES
     file.write_text(TWO_AXES.replace(before, after))
-    here("rl.evaluate", tiny_run(), "--sweep", file).fails("two.toml", *words)
+    here("rl.commands.evaluate", tiny_run(), "--sweep", file).fails("two.toml", *words)
     assert not (tiny_run() / "sweeps").exists()
 
 
 def test_a_missing_sweep_is_named_with_those_there_are(here):
-    here("rl.evaluate", tiny_run(), "--sweep", "gone").fails("gone", "no such sweep file", "default")
-    here("rl.evaluate", tiny_run(), "--sweep", "default", "--json", "x.json").fails("leave out --json")
+    here("rl.commands.evaluate", tiny_run(), "--sweep", "gone").fails("gone", "no such sweep file", "default")
+    here("rl.commands.evaluate", tiny_run(), "--sweep", "default", "--json", "x.json").fails("leave out --json")
 
 
 # -- cells --------------------------------------------------------------------------------------------------
@@ -142,7 +142,7 @@ def test_what_a_scenario_has_not_is_no_mistake(file):
 
 
 def test_a_sweep_pairs_its_controllers_and_tells_what_cannot_be(run, file, here):
-    ending = here("rl.evaluate", run, "--sweep", file)
+    ending = here("rl.commands.evaluate", run, "--sweep", file)
     assert ending.status == 0, ending.err
     found = json.loads((run / "sweeps" / "two" / "sweep.json").read_text())
     own, calm, steep, pair, three = found["cells"]

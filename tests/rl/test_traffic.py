@@ -6,7 +6,7 @@ import pytest
 import torch
 from small_missions import begin, make, still
 
-from rl.course.obstacles import BOTTOM, CARRIED, RADIUS, ROOM_M, TOP, V_EAST, V_NORTH, distance_to_tracks
+from rl.guidance.course.obstacles import BOTTOM, CARRIED, RADIUS, ROOM_M, TOP, V_EAST, V_NORTH, distance_to_tracks
 from taichi_sim.config import ConfigError
 
 BUSY = (

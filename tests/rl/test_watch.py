@@ -77,14 +77,14 @@ def test_a_port_in_use_is_told_before_any_work(here, run, port, tmp_path):
         taken.listen()
         here("rl.train", "--watch", "--port", port, "--out", tmp_path / "new").fails(f"port {port}", "--port")
         assert not (tmp_path / "new").exists()
-        here("rl.play", run, "--live", "--port", port).fails(f"port {port}", "--port")
-    here("rl.play", run, "--live", "--port", 70_000).fails("70000", "--port")
+        here("rl.commands.play", run, "--live", "--port", port).fails(f"port {port}", "--port")
+    here("rl.commands.play", run, "--live", "--port", 70_000).fails("70000", "--port")
 
 
 def test_an_episode_is_shown_while_it_is_played(here, run, port):
     short = ("--duration", "2", "--out")
-    before = here("rl.play", run, *short, run / "before.rrd")
-    ending = here("rl.play", run, *short, run / "live.rrd", "--live", "--speed", "50", "--port", port)
+    before = here("rl.commands.play", run, *short, run / "before.rrd")
+    ending = here("rl.commands.play", run, *short, run / "live.rrd", "--live", "--speed", "50", "--port", port)
     assert (ending.status, ending.err) == (0, "")
     assert f"rerun rerun+http://127.0.0.1:{port}/proxy" in ending.out
     assert abs((run / "live.rrd").stat().st_size - (run / "before.rrd").stat().st_size) < 2000

@@ -59,10 +59,10 @@ def train(config: Any, envs: int, iterations: int) -> dict[str, Any]:
     """
     import torch.distributed as dist
 
-    from rl import processes
     from rl.learn.env import MissionEnv
     from rl.learn.runner import StageRunner
     from rl.missions import make_mission
+    from rl.runs import processes
     from tools.benchmarking.mission import Stopwatch, first_stage
 
     stage = first_stage(config).model_copy(update={"num_envs": envs, "checkpoint_interval": 10**6})
@@ -114,12 +114,13 @@ def train(config: Any, envs: int, iterations: int) -> dict[str, Any]:
 
 def main() -> None:
     """Train, time, and write the result."""
-    from rl import cli, processes
+    from rl.commands import entry
     from rl.missions import load_scenario
+    from rl.runs import processes
 
     scenario, envs, iterations, threads, file = sys.argv[1:]
     with processes.joined() as place:
-        cli.start(argparse.Namespace(arch="cpu", threads=int(threads)))
+        entry.start(argparse.Namespace(arch="cpu", threads=int(threads)))
         result = train(load_scenario(scenario), int(envs), int(iterations))
         if place.first:
             Path(file).write_text(json.dumps(result), encoding="utf-8")

@@ -40,7 +40,7 @@ EVADING = 1e-3  # m/s: less of a change by avoidance is rounding
 
 
 class FixedWing6DofGains(AvoidanceGains):
-    """Gains, tuned by rl/tune.py on `aerosonde`."""
+    """Gains, tuned by taichi-sim tune on `aerosonde`."""
 
     acceleration: Positive = 3.0
     course: Positive = 1.0  # gain of the course loop, over the autopilot's

@@ -164,7 +164,7 @@ class ForceController(SlotController):
 
 
 class UnityAircraftGains(ForceGains):
-    """Gains, tuned by rl/tune.py on `paper`."""
+    """Gains, tuned by taichi-sim tune on `paper`."""
 
     acceleration: Positive = 5.1
     horizon: Positive = 5.2
@@ -203,7 +203,7 @@ class UnityAircraftController(ForceController):
 
 
 class UnityBoatGains(ForceGains):
-    """Gains, tuned by rl/tune.py on `paper`."""
+    """Gains, tuned by taichi-sim tune on `paper`."""
 
     acceleration: Positive = 9.5
     horizon: Positive = 5.3

@@ -342,7 +342,7 @@ def formation_velocity(team: Knowledge) -> Tensor:
 
 
 class Hull6DofGains(CourseGains):
-    """Gains, tuned by rl/tune.py on `otter`."""
+    """Gains, tuned by taichi-sim tune on `otter`."""
 
     acceleration: Positive = 0.94
     horizon: Positive = 26.0

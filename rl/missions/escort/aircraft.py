@@ -9,6 +9,7 @@ from torch import Tensor
 from rl.guidance.geometry import EAST, NORTH, SLOT_SIZE, TARGET_SIZE, SlotErrors, Target, to_starboard
 from rl.guidance.observations import squashed
 from rl.guidance.residual import ResidualTeam
+from rl.guidance.rewards import paid
 from rl.missions.escort import rewards
 from rl.missions.escort.circling import (
     CIRCLE_SCALE,
@@ -28,7 +29,6 @@ from rl.perception.due import Due
 from rl.perception.instruments import InstrumentsConfig, Readings
 from rl.perception.sensors import Sensor
 from rl.perception.sightings import Camera
-from rl.rewards import paid
 from rl.team import Controller, Endings
 from taichi_sim.config.io import validate
 from taichi_sim.fleet import Views

@@ -10,6 +10,7 @@ from rl.guidance.geometry import OFFSET, RATE, SLOT_SIZE, Geometry, Target, cour
 from rl.guidance.geometry import TARGET_SIZE as TARGET
 from rl.guidance.observations import ObservationWriter, squashed
 from rl.guidance.residual import ResidualTeam
+from rl.guidance.rewards import paid
 from rl.guidance.shapes import escort_offsets
 from rl.missions.escort import rewards
 from rl.missions.escort.endings_and_logs import LOGGED, endings_of, log_of
@@ -20,7 +21,6 @@ from rl.perception.due import Due
 from rl.perception.instruments import Readings
 from rl.perception.sensors import Sensor
 from rl.perception.sightings import Lookout
-from rl.rewards import paid
 from rl.team import Controller, Endings
 from taichi_sim.state.memory import Remembers
 

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from rl.course.obstacles import FixedObstacle
+from rl.guidance.course.obstacles import FixedObstacle
 from rl.guidance.residual import ResidualConfig
 from rl.guidance.shapes import EscortShape
 from rl.missions.escort.rewards import EscortAircraftReward, EscortBoatReward

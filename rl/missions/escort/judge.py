@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rl.judge import COLLISION_LOSS, COMMON, Episodes, ErrorJudge, errors_of, median_of, over_time, rms_of
+from rl.evaluation.judge import COLLISION_LOSS, COMMON, Episodes, ErrorJudge, errors_of, median_of, over_time, rms_of
 from rl.missions.escort.config import EscortScenario
 from rl.missions.escort.parts import Parts
 from rl.missions.escort.tracking import SharedTracking

@@ -12,7 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rl.course.obstacles import EAST, RADIUS, TOP, V_EAST, V_NORTH, Bodies
+from rl.guidance.course.obstacles import EAST, RADIUS, TOP, V_EAST, V_NORTH, Bodies
+from rl.guidance.rewards import fine
 from rl.guidance.shapes import escort_offsets
 from rl.mission import Frame, Histories, Mission
 from rl.missions.escort.aircraft import EscortAircraft, Scouts, aircraft_observers, scout_observers
@@ -25,7 +26,6 @@ from rl.missions.escort.vessel import Among, Wanderer
 from rl.missions.escort.worlds import afloat, aloft, check_parts, check_slots, draw_worlds, warn_of_speeds
 from rl.perception.due import Due
 from rl.perception.sightings import Object
-from rl.rewards import fine
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.conventions import DOWN
 from taichi_sim.visualisation.recording.episode import Episode, Scene

@@ -4,7 +4,7 @@ from typing import Protocol
 
 from torch import Tensor
 
-from rl.course.obstacles import Bodies
+from rl.guidance.course.obstacles import Bodies
 from rl.missions.escort.config import EscortScenario
 from rl.team import Host
 

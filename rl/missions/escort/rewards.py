@@ -5,8 +5,8 @@ from typing import Protocol
 
 from torch import Tensor
 
+from rl.guidance.rewards import action_rate, clearance, coarse, fine, penalty
 from rl.perception.sensors import Sensor
-from rl.rewards import action_rate, clearance, coarse, fine, penalty
 from rl.step import Endings
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.fleet import Fleet

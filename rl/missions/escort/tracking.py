@@ -20,8 +20,8 @@ import taichi as ti
 import torch
 from torch import Tensor
 
-from rl.course import obstacles as bodies
-from rl.course.obstacles import Cylinder
+from rl.guidance.course import obstacles as bodies
+from rl.guidance.course.obstacles import Cylinder
 from rl.guidance.geometry import COS, COURSE, EAST, NORTH, SIN, SPEED, TARGET_SIZE, course_of
 from rl.missions.escort.config import EscortScenario
 from rl.perception.chart import AGE, P_PP, P_PV, P_VV, V_EAST, V_NORTH, Chart, width_of

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from rl.course.obstacles import AWAY, CROSSING_ANGLE, NORTH, ROWS, Cylinder
+from rl.guidance.course.obstacles import AWAY, CROSSING_ANGLE, NORTH, ROWS, Cylinder
 from rl.guidance.geometry import strongest_wind
 from rl.missions.escort.config import ROOM, EscortScenario
 from taichi_sim.config import ConfigError
@@ -43,7 +43,7 @@ class Worlds(NamedTuple):
     course: Tensor  # of the vessel
     speed: Tensor
     obstacles: Tensor  # [world, n, 4] north, east, radius, height
-    bodies: Tensor  # [world, 8, n] moving bodies (rl/course/obstacles.py); the first is the vessel
+    bodies: Tensor  # [world, 8, n] moving bodies (rl/guidance/course/obstacles.py); the first is the vessel
     place: Tensor  # [world, boat, 2]
     heading: Tensor  # [world, boat]
     aloft: Tensor  # [world, 2] about which the aircraft begin

@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import Field, model_validator
 
-from rl.course.obstacles import FixedObstacle
+from rl.guidance.course.obstacles import FixedObstacle
 from rl.guidance.residual import ResidualConfig
 from rl.guidance.shapes import Shape
 from rl.missions.formation.rewards import TrackingReward
@@ -39,7 +39,7 @@ class TrackConfig(Strict):
 
 
 class ObstacleConfig(Strict):
-    """Vertical cylinders beside the track and in the lanes, some of which move (rl/course/obstacles.py)."""
+    """Vertical cylinders beside the track and in the lanes, some of which move (rl/guidance/course/obstacles.py)."""
 
     count: Annotated[int, Field(ge=0, le=500)] = 24  # generated ones, per lap
     clearance_min: Annotated[float, Field(ge=-500, le=500)] = 6.0  # from the outermost lane, m; < 0: in the lanes

@@ -9,8 +9,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rl.course.obstacles import BOTTOM, EAST, NORTH, RADIUS, TOP
-from rl.judge import COLLISION_LOSS, COMMON, Episodes, ErrorJudge, errors_of, median_of, over_time, rms_of
+from rl.evaluation.judge import COLLISION_LOSS, COMMON, Episodes, ErrorJudge, errors_of, median_of, over_time, rms_of
+from rl.guidance.course.obstacles import BOTTOM, EAST, NORTH, RADIUS, TOP
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.team import Course, TeamTask
 from rl.step import Step

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rl.course.obstacles import ROWS, Bodies
+from rl.guidance.course.obstacles import ROWS, Bodies
 from rl.guidance.geometry import Targets
 from rl.mission import Frame, Histories, Mission
 from rl.missions.formation.config import FormationScenario
@@ -35,7 +35,7 @@ class Formation(Mission[FormationScenario, TeamTask]):
 
     Attributes:
         tracks, obstacles, starts: of every world; obstacles [world, n, 4] north, east, radius, height, m.
-        bodies: moving obstacles (rl/course/obstacles.py).
+        bodies: moving obstacles (rl/guidance/course/obstacles.py).
         env_world: int64 [env], world of each environment. targets: of the leaders, by their pace.
         wind_factor: mean wind at the flight height over that at 10 m.
     """

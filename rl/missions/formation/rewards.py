@@ -11,8 +11,8 @@ import torch
 from torch import Tensor
 
 from rl.guidance.geometry import SlotErrors, Target
+from rl.guidance.rewards import action_rate, clearance, coarse, fine, paid, penalty
 from rl.perception.sensors import Mate, Obstacle, Sensor
-from rl.rewards import action_rate, clearance, coarse, fine, paid, penalty
 from rl.step import Endings
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.fleet import Fleet

@@ -6,8 +6,8 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from rl.course.obstacles import Bodies
 from rl.guidance.controllers import controller_of
+from rl.guidance.course.obstacles import Bodies
 from rl.guidance.geometry import Geometry, SlotErrors, Target, Targets
 from rl.guidance.knowledge import Knowledge
 from rl.guidance.observations import ObservationWriter

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from rl.course.obstacles import HEIGHT_BAND_M, ROWS, Cylinder, Span, Traffic, generate_obstacles
-from rl.course.tracks import Tracks, generate_tracks
+from rl.guidance.course.obstacles import HEIGHT_BAND_M, ROWS, Cylinder, Span, Traffic, generate_obstacles
+from rl.guidance.course.tracks import Tracks, generate_tracks
 from rl.guidance.geometry import LEAST_SHARE, crab, strongest_wind
 from rl.guidance.shapes import lane_half_width
 from rl.missions.formation.config import FormationScenario
@@ -293,7 +293,8 @@ def draw_traffic(
     config: FormationScenario, tracks: Tracks, starts: Starts, obstacles: Tensor, models: Mapping[str, Vehicle],
     generator: torch.Generator,
 ) -> Tensor:  # fmt: skip
-    """Draw traffic for each start [world, start, 8, body] (rl/course/obstacles.py), among `obstacles` [world, n, 4].
+    """Draw traffic for each start [world, start, 8, body] (rl/guidance/course/obstacles.py), among `obstacles` [world,
+    n, 4].
 
     Raises:
         ConfigError: if it is faster than the vehicles, or finds no free path.

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from rl.guidance.observations import squashed
+from rl.guidance.rewards import paid
 from rl.missions.landing import rewards
 from rl.missions.landing.config import LandingTeam
 from rl.missions.landing.deck_motion import DeckMotion, Decks
@@ -17,7 +18,6 @@ from rl.missions.landing.pilots import Pilot, corrected
 from rl.perception.due import Due
 from rl.perception.instruments import Readings
 from rl.perception.radio import Radio
-from rl.rewards import paid
 from rl.step import COLLIDED, Endings
 from rl.team import Team
 from taichi_sim.config import ConfigError

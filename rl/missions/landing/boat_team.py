@@ -11,6 +11,7 @@ from torch import Tensor
 
 from rl.guidance.geometry import wrap
 from rl.guidance.observations import squashed
+from rl.guidance.rewards import paid
 from rl.missions.landing import rewards
 from rl.missions.landing.boats import COURSE, SPEED, Boats
 from rl.missions.landing.config import LandingTeam
@@ -18,7 +19,6 @@ from rl.missions.landing.deck_motion import DeckMotion
 from rl.missions.landing.level_frame import into_level
 from rl.missions.landing.parts import Parts
 from rl.perception.due import Due
-from rl.rewards import paid
 from rl.step import Endings
 from rl.team import Controller, Team
 from taichi_sim.state.memory import Remembers

@@ -8,8 +8,8 @@ import torch
 from pydantic import model_validator
 from torch import Tensor
 
+from rl.guidance.rewards import action_rate, coarse, penalty
 from rl.missions.landing.deck_motion import DeckMotion
-from rl.rewards import action_rate, coarse, penalty
 from rl.step import Endings
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.fleet import Fleet

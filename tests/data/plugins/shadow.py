@@ -7,9 +7,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from rl.guidance.rewards import coarse, fine
 from rl.mission import Endings, Mission, Team
 from rl.perception.due import Due
-from rl.rewards import coarse, fine
 from rl.scenario import Scenario
 from taichi_sim.config import Positive
 

@@ -8,23 +8,23 @@ import sys
 from pathlib import Path
 
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
-    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
-    from rl import cli
+    from rl.commands import entry
 
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("config", metavar="SCENARIO", help="a file, or the name of a shipped scenario")
     p.add_argument("--team", required=True, help="team whose controller is tuned")
     p.add_argument("--only", default="", metavar="NAME,...", help="numbers to search for (default: all)")
-    p.add_argument("--rounds", type=cli.positive_int, default=12, help="rounds of the search (default: 12)")
-    p.add_argument("--candidates", type=cli.positive_int, default=12, help="candidates in each round (default: 12)")
-    p.add_argument("--episodes", type=cli.positive_int, default=128, help="episodes of each candidate (default: 128)")
-    p.add_argument("--seed", type=cli.seed, default=0, help="seed of worlds, episodes and candidates (default: 0)")
+    p.add_argument("--rounds", type=entry.positive_int, default=12, help="rounds of the search (default: 12)")
+    p.add_argument("--candidates", type=entry.positive_int, default=12, help="candidates in each round (default: 12)")
+    p.add_argument("--episodes", type=entry.positive_int, default=128, help="episodes of each candidate (default: 128)")
+    p.add_argument("--seed", type=entry.seed, default=0, help="seed of worlds, episodes and candidates (default: 0)")
     p.add_argument("--write", action="store_true", help="write the numbers into the scenario's file")
-    cli.add_common(p)
+    entry.add_common(p)
     return p
 
 
@@ -33,7 +33,7 @@ def main(argv: list[str] | None = None) -> None:
     args = parser().parse_args(argv)
     import tomli_w
 
-    from rl import cli
+    from rl.commands import entry
     from rl.evaluation.episodes import mission_class
     from rl.missions import load_scenario
     from rl.runs.tune import summary, tune, write_numbers
@@ -46,7 +46,7 @@ def main(argv: list[str] | None = None) -> None:
         raise ConfigError(f"--team {args.team}: there is no such team; allowed are {', '.join(config.teams)}")
     if args.write:
         refuse_unwritable(source)
-    cli.start(args)
+    entry.start(args)
     tuned = tune(
         config,
         args.team,
@@ -62,10 +62,10 @@ def main(argv: list[str] | None = None) -> None:
     print(f"[{args.team}.control]\n{tomli_w.dumps(tuned.numbers)}", end="")
     if args.write:
         runs = f"{args.rounds} rounds of {args.candidates} x {args.episodes} episodes, seed {args.seed}"
-        write_numbers(source, args.team, tuned.numbers, f"found by rl/tune.py: {runs}")
+        write_numbers(source, args.team, tuned.numbers, f"found by taichi-sim tune: {runs}")
 
 
 if __name__ == "__main__":
-    from rl.cli import script
+    from rl.commands.entry import script
 
     script(main)

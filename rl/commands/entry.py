@@ -47,8 +47,8 @@ def agree(config, source: Path) -> None:
     Raises:
         RunError: if they differ; the message names the process and the difference.
     """
-    from rl import processes
     from rl.runs import folder as run_folder
+    from rl.runs import processes
 
     if processes.here().count > 1:
         of_ranks = processes.gather(lambda: (run_folder.digest(config, source), config, run_folder.versions()))
@@ -194,7 +194,7 @@ def start(args: argparse.Namespace) -> None:
     """Start Taichi and torch with the threads and device of the arguments."""
     import torch
 
-    from rl import processes
+    from rl.runs import processes
     from taichi_sim.kernels import runtime
 
     place = processes.here()
@@ -232,7 +232,6 @@ def seed(text: str) -> int:
 
 def user_errors() -> tuple[type[Exception], ...]:
     """Exceptions whose message alone tells a user what to do."""
-    from rl.divergence import NotFiniteError
     from rl.learn.policy import CheckpointError
     from rl.learn.runner import DivergedError
     from rl.runs.folder import RunError
@@ -240,6 +239,7 @@ def user_errors() -> tuple[type[Exception], ...]:
     from taichi_sim.config import ConfigError
     from taichi_sim.config.arguments import ActionError
     from taichi_sim.config.base import MissingExtraError
+    from taichi_sim.state.divergence import NotFiniteError
     from taichi_sim.surroundings.sea import SteepSeaError
     from taichi_sim.visualisation.film.files import FilmError
     from taichi_sim.visualisation.recording.ros import BagError
@@ -254,7 +254,7 @@ def run(main: Callable[[list[str] | None], None], argv: list[str] | None = None)
     The status is 0, 1 after an error of the user (printed as one message), 130 after Ctrl-C, 143 after SIGTERM. A
     process that torchrun started also writes the reason of a failure to a file (rl/runs/launch.py).
     """
-    from rl.processes import signals
+    from rl.runs import signals
 
     if "TORCHELASTIC_RUN_ID" in os.environ:
         from rl.runs import launch
@@ -277,7 +277,7 @@ def run(main: Callable[[list[str] | None], None], argv: list[str] | None = None)
 
 def script(main: Callable[[list[str] | None], None]) -> None:
     """Run an entry point as a script and exit; signals during the exit are ignored."""
-    from rl.processes import signals
+    from rl.runs import signals
 
     status = run(main)
     signals.ignore()

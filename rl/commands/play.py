@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
-    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 
 def title(controller: str) -> str:
@@ -17,11 +17,11 @@ def title(controller: str) -> str:
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command's arguments."""
-    from rl import cli
+    from rl.commands import entry
 
     p = argparse.ArgumentParser(description=__doc__)
-    cli.add_run(p)
-    cli.add_shown(p)
+    entry.add_run(p)
+    entry.add_shown(p)
     p.add_argument(
         "--out",
         default=None,
@@ -38,17 +38,20 @@ def parser() -> argparse.ArgumentParser:
         help="latitude and longitude of a bag's origin, degrees (default: 63.48 10.40)",
     )
     p.add_argument(
-        "--beside", choices=cli.CONTROLLERS, default=None, help="show the same episode with this controller on the left"
+        "--beside",
+        choices=entry.CONTROLLERS,
+        default=None,
+        help="show the same episode with this controller on the left",
     )
-    cli.add_film(p)
+    entry.add_film(p)
     p.add_argument("--live", action="store_true", help="show the episode in a rerun viewer while it is simulated")
     p.add_argument(
-        "--speed", type=cli.positive_float, default=1.0, help="speed of --live relative to real time (default: 1)"
+        "--speed", type=entry.positive_float, default=1.0, help="speed of --live relative to real time (default: 1)"
     )
-    p.add_argument("--port", type=cli.positive_int, default=9876, help="port of --live (default: %(default)s)")
+    p.add_argument("--port", type=entry.positive_int, default=9876, help="port of --live (default: %(default)s)")
     p.add_argument(
         "--duration",
-        type=cli.positive_float,
+        type=entry.positive_float,
         default=None,
         metavar="S",
         help="duration, s (default: the scenario's episode)",
@@ -59,7 +62,7 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
-    from rl import cli
+    from rl.commands import entry
     from rl.evaluation.record import output_of, record_episode
     from rl.evaluation.store import recording_name
     from rl.runs.folder import RunError
@@ -75,8 +78,8 @@ def main(argv: list[str] | None = None) -> None:
         raise RunError(f"--beside {args.beside}: that is what --controller shows already; give another controller")
     if args.live:
         refuse_used(args.port)
-    number = cli.recall(args)
-    config, source, policies, seed = cli.open_run(args)
+    number = entry.recall(args)
+    config, source, policies, seed = entry.open_run(args)
     if args.out is not None or not args.film:
         refuse_unwritable(output.place or args.run)
     how = {"size": args.film_size, "fps": args.film_fps, "speed": args.film_speed, "view": args.film_view}
@@ -92,7 +95,7 @@ def main(argv: list[str] | None = None) -> None:
         print(f"{event.time_s:7.1f} s  {event.text}")
     shown: Episode | dict[str, Episode] = episode
     if args.beside is not None:
-        other = record(cli.trained_teams(args.beside, args.run, config))
+        other = record(entry.trained_teams(args.beside, args.run, config))
         shown = {title(args.beside): other, title(args.controller): episode}
     if args.film:
         print(f"film: {write_film(shown, args.film, **how, show_progress=not args.quiet)}")
@@ -104,6 +107,6 @@ def main(argv: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    from rl.cli import script
+    from rl.commands.entry import script
 
     script(main)

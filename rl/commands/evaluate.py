@@ -6,12 +6,12 @@ import sys
 from pathlib import Path
 
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
-    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
-    from rl import cli
+    from rl.commands import entry
     from rl.missions import find_mission, shipped
     from taichi_sim.config.io import output
 
@@ -25,9 +25,9 @@ def parser() -> argparse.ArgumentParser:
             for name in shipped()
         ),
     )
-    cli.add_run(p)
+    entry.add_run(p)
     p.add_argument(
-        "--episodes", type=cli.positive_int, default=None, help="number of episodes (default: the scenario's)"
+        "--episodes", type=entry.positive_int, default=None, help="number of episodes (default: the scenario's)"
     )
     p.add_argument("--json", type=output, default=None, metavar="FILE", help="also write the figures to FILE")
     p.add_argument(
@@ -37,15 +37,14 @@ def parser() -> argparse.ArgumentParser:
         help="evaluate the policy and --controller (default: classical) on the same episodes under each condition of a "
         "sweep: FILE, or a name in configs/sweeps, such as default; an interrupted sweep continues",
     )
-    cli.add_processes(p, "episodes (by 256), or the conditions of a sweep,")
+    entry.add_processes(p, "episodes (by 256), or the conditions of a sweep,")
     return p
 
 
 def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
-    from rl import processes
-    from rl.runs import launch
+    from rl.runs import launch, processes
 
     if (number := launch.process_count(args.processes, args.threads, units(args), args.arch, enough=1)) > 1:
         launch.run(Path(__file__), sys.argv[1:] if argv is None else argv, number)
@@ -74,19 +73,19 @@ def units(args: argparse.Namespace) -> int:
 
 def evaluate(args: argparse.Namespace) -> None:
     """Evaluate; rank 0 prints the figures, writes them to --json, and stores them in the run's folder."""
-    from rl import cli
+    from rl.commands import entry
     from rl.evaluation.episodes import EvaluationOutcome, Trial, judge_trials
     from rl.evaluation.store import save_evaluation
     from rl.runs import folder as run_folder
     from rl.runs.main_job import report
 
-    config, source, policies, seed = cli.open_run(args)
-    cli.agree(config, source)
+    config, source, policies, seed = entry.open_run(args)
+    entry.agree(config, source)
     trial = Trial(config, policies, args.episodes or config.evaluation.episodes, seed, args.controller, source)
     for outcome in judge_trials([trial], show_progress=not args.quiet, excerpts=True):
         assert isinstance(outcome, EvaluationOutcome)  # judge_trials raises all errors
         if args.controller == "policy":
-            cli.tell_corrected(config)
+            entry.tell_corrected(config)
         print(report(outcome.result, config, source), file=sys.stderr)
         for team, policy in policies.items():
             if (price := getattr(policy, "price", None)) is not None:
@@ -102,19 +101,20 @@ def evaluate(args: argparse.Namespace) -> None:
 
 def sweep(args: argparse.Namespace) -> None:
     """Run --sweep and rewrite the run's report."""
-    from rl import cli, processes
+    from rl.commands import entry
     from rl.evaluation.report import write_report
     from rl.evaluation.sweeps import find_sweep, load_sweep, run_sweep
+    from rl.runs import processes
 
     file = find_sweep(args.sweep)
-    wanted, contest = load_sweep(file, episodes=args.episodes, seed=args.seed), cli.open_both(args)
-    cli.agree(contest.config, contest.source)
+    wanted, contest = load_sweep(file, episodes=args.episodes, seed=args.seed), entry.open_both(args)
+    entry.agree(contest.config, contest.source)
     out = run_sweep(wanted, file, contest, show_progress=not args.quiet)
     if processes.here().first:
         print(f"sweep:  {out}\nreport: {write_report([args.run])}")
 
 
 if __name__ == "__main__":
-    from rl.cli import script
+    from rl.commands.entry import script
 
     script(main)

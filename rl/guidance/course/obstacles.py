@@ -27,7 +27,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rl.course.tracks import Real, Tracks, TrackSample, world_uniform
+from rl.guidance.course.tracks import Real, Tracks, TrackSample, world_uniform
 from taichi_sim.config import Finite, Positive, Strict
 from taichi_sim.state.memory import Remembers
 from taichi_sim.visualisation.recording.overlays import Cylinders
