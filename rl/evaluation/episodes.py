@@ -105,7 +105,7 @@ def judge_trials(
 ) -> list[EvaluationOutcome | Exception]:
     """Run several trials and return their outcomes in order, or the error of a trial if `cannot` lists its type.
 
-    Processes share the chunks (rl/runs/processes.py). Rank 0 gets the outcomes, with the same bits as in a single process; the
+    Processes share the chunks. Rank 0 gets the outcomes, with the same bits as in a single process; the
     other ranks get an empty list.
     """
     for trial in trials:

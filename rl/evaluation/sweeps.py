@@ -297,7 +297,7 @@ def run_sweep(
 ) -> Path:
     """Run a sweep, the content of `file`; return the folder of its tables.
 
-    Processes (rl/runs/processes.py) share the cells; rank 0 writes. `tell` is called with an estimate of the remaining time.
+    Processes share the cells; rank 0 writes. `tell` is called with an estimate of the remaining time.
 
     Raises:
         ConfigError: if the sweep has the seed of the evaluation or of the training, or a key that no scenario has.

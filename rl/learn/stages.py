@@ -51,7 +51,7 @@ def train_stages(
 ) -> list[StageResult]:  # fmt: skip
     """Train every stage that is not finished in `out`, from its last checkpoint; return the stages' results.
 
-    With several processes (rl/runs/processes.py), each has its share of a stage's environments; rank 0 alone reads and writes
+    With several processes, each has its share of a stage's environments; rank 0 alone reads and writes
     `out`.
 
     Vehicle files lie beside the scenario's file `source`. `dumps` is a folder for environments whose state stopped

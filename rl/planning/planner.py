@@ -13,16 +13,17 @@ policy; what costs the team least is followed. So a plan is never worse in the m
 
 import math
 import time
-from collections.abc import Mapping
-from typing import Annotated, Any
+from collections.abc import Callable, Mapping
+from typing import Annotated
 
 import torch
 from pydantic import Field, model_validator
 from torch import Tensor
 
 from rl.guidance.course.obstacles import AWAY, BOTTOM, CARRIED, EAST, NORTH, RADIUS, TOP, V_EAST, V_NORTH
+from rl.mission import Mission
 from rl.perception.sensors import Obstacle
-from rl.team import ControllerError
+from rl.team import ControllerError, Team
 from taichi_sim.config import ConfigError, NonNegative, Positive, Strict
 from taichi_sim.kernels import runtime
 
@@ -65,10 +66,10 @@ class Planner:
     def __init__(
         self,
         config: PlanConfig | None = None,
-        others: Mapping[str, Any] | None = None,
+        others: Mapping[str, Callable[[Team], Tensor]] | None = None,
         *,
         seed: int = 0,
-        proposal: Any = None,
+        proposal: Callable[[Team], Tensor] | None = None,
     ):
         """Plan as `config` says, default: `[TEAM.plan]` of the scenario.
 
@@ -78,13 +79,13 @@ class Planner:
         """
         self._given, self._others, self._proposal = config, dict(others or {}), proposal
         self._generator = torch.Generator().manual_seed(seed)
-        self._mission: Any = None
-        self._forks: dict[tuple[int, int], Any] = {}  # by environments and copies
+        self._mission: Mission | None = None
+        self._forks: dict[tuple[int, int], Mission] = {}  # by environments and copies
         self.planned, self._seconds, self._life = 0, 0.0, 0.0
 
     # -- as a policy -----------------------------------------------------------------------------------------------
 
-    def __call__(self, team: Any) -> Tensor:
+    def __call__(self, team: Team) -> Tensor:
         """Actions [env, vehicle, action] of the team's vehicles."""
         start = time.perf_counter()
         with torch.no_grad():
@@ -96,7 +97,7 @@ class Planner:
         self._life += int(team.plannable.any(-1).sum()) * team.mission.config.decision_interval
         return action
 
-    def renew(self, team: Any) -> None:
+    def renew(self, team: Team) -> None:
         """Plan anew where the last plan is as old as it may be, and could change something; once a decision."""
         # not in inference mode, in which rsl-rl acts: tensors made there do not tell what has changed since
         with torch.no_grad(), runtime.torch_at_rest():
@@ -121,7 +122,7 @@ class Planner:
         """The correction [env, vehicle, n] at the given number of decisions after the plans were made."""
         return self._at(self._knots, decisions)
 
-    def bind(self, team: Any) -> None:
+    def bind(self, team: Team) -> None:
         """Prepare for the team's mission, unless the planner already has, and let it perceive."""
         team.mission.perceive()
         if self._mission is team.mission:
@@ -147,9 +148,9 @@ class Planner:
 
     # -- a plan ----------------------------------------------------------------------------------------------------
 
-    def _plan(self, team: Any, envs: Tensor) -> None:
+    def _plan(self, team: Team, envs: Tensor) -> None:
         """Plan for environments `envs` [n]."""
-        part = -(-self._mission.num_envs // PARTS)  # as many at a time as some other time: a fork is kept for each size
+        part = -(-team.mission.num_envs // PARTS)  # as many at a time as some other time: a fork is kept for each size
         rows = envs[torch.arange(-(-len(envs) // part) * part, device=envs.device) % len(envs)]
         config, n, samples = self.config, len(rows), self.config.samples
         mean, spread = self._shifted(self._knots[rows], self._age[rows]), config.spread
@@ -173,7 +174,7 @@ class Planner:
             mean, spread = self._updated(plans, costs), spread * SHRINK
         self._conclude(team, envs, rows, mean, best)
 
-    def _conclude(self, team: Any, envs: Tensor, rows: Tensor, mean: Tensor, best: Tensor) -> None:
+    def _conclude(self, team: Team, envs: Tensor, rows: Tensor, mean: Tensor, best: Tensor) -> None:
         """Let environments `envs` [n] follow the mean of the plans [row, knot, vehicle, a], the best sample, the
         classical controller or the policy, whichever costs the team least; `rows` are `envs` first, then some again.
         """
@@ -191,7 +192,7 @@ class Planner:
         """
         return path_integral_mean(plans, costs)
 
-    def _costs(self, model: Any, name: str, plans: Tensor) -> Tensor:
+    def _costs(self, model: Mission, name: str, plans: Tensor) -> Tensor:
         """Costs [n, sample, vehicle] of following each of `plans` [n, sample, knot, vehicle, a]."""
         n, samples = plans.shape[:2]
         knots, team = plans.flatten(0, 1), model.teams[name]
@@ -211,25 +212,25 @@ class Planner:
         cost = torch.where(cost.isfinite(), cost, 1e9)
         return cost.view(n, samples, -1)
 
-    def _width(self, team: Any) -> int:
+    def _width(self, team: Team) -> int:
         """Number of values of each vehicle's correction."""
         return len(team.plan_names)
 
-    def _action(self, team: Any, correction: Tensor) -> Tensor:
+    def _action(self, team: Team, correction: Tensor) -> Tensor:
         """Actions [env, vehicle, action] in the model by a correction [env, vehicle, n]."""
         return team.planned(correction)
 
-    def _view(self, team: Any) -> Any:
+    def _view(self, team: Team) -> object:
         """Knowledge by which the controller acts: the team itself, which is the truth."""
         return team
 
     # -- models and knots ------------------------------------------------------------------------------------------
 
-    def _fork(self, team: Any, envs: Tensor, copies: int) -> Any:
+    def _fork(self, team: Team, envs: Tensor, copies: int) -> Mission:
         """Make the model: `copies` of each of the environments `envs`, which share all noise to come."""
-        return self._copied(self._mission, envs, copies)
+        return self._copied(team.mission, envs, copies)
 
-    def _copied(self, mission: Any, envs: Tensor, copies: int) -> Any:
+    def _copied(self, mission: Mission, envs: Tensor, copies: int) -> Mission:
         """Fork `mission` in place of the last fork of that size."""
         model = mission.fork(envs, copies, into=self._forks.get((len(envs), copies)))
         self._forks[len(envs), copies] = model
@@ -238,7 +239,7 @@ class Planner:
     def _noise(self, shape: tuple[int, ...], like: Tensor) -> Tensor:
         return torch.randn(shape, generator=self._generator, dtype=torch.float32).to(like)
 
-    def _at(self, knots: Tensor, age: Any) -> Tensor:
+    def _at(self, knots: Tensor, age: Tensor | int | float) -> Tensor:
         """Plans [row, knot, vehicle, a] `age` decisions (a number or [row]) after they were made: [row, vehicle, a]."""
         where = torch.as_tensor(age, device=knots.device).to(knots) * ((knots.shape[1] - 1) / self._steps)
         where = where.clamp(max=knots.shape[1] - 1).expand(len(knots))
@@ -268,7 +269,7 @@ def path_integral_mean(plans: Tensor, costs: Tensor, temperature: float = TEMPER
     return (weights[:, :, None, :, None] * plans).sum(1)
 
 
-def _classical(team: Any) -> Tensor:
+def _classical(team: Team) -> Tensor:
     """Actions [env, vehicle, a] of a team's classical controller; 0 without a controller."""
     return torch.zeros_like(team.fleet.action) if team.controller is None else team.classical(team.controller)
 
@@ -281,30 +282,30 @@ class HonestPlanner(Planner):
     is flown by the controller on measured states. A user could run it on a boat.
     """
 
-    def bind(self, team: Any) -> None:
+    def bind(self, team: Team) -> None:
         """See `Planner.bind`."""
         if self._mission is not team.mission:
-            self._believed: Any = None
+            self._believed: Mission | None = None
         super().bind(team)
 
-    def renew(self, team: Any) -> None:
+    def renew(self, team: Team) -> None:
         """See `Planner.renew`."""
         with torch.no_grad(), runtime.torch_at_rest():
             self.bind(team)
             self._model(team).notice(team)
         super().renew(team)
 
-    def _view(self, team: Any) -> Any:
+    def _view(self, team: Team) -> object:
         """Knowledge by which the controller acts: what the vehicles know."""
         return team.known
 
-    def _fork(self, team: Any, envs: Tensor, copies: int) -> Any:
+    def _fork(self, team: Team, envs: Tensor, copies: int) -> Mission:
         """Make the model: `copies` of what the vehicles of each of the environments `envs` believe."""
         model = self._model(team)
         model.believe(team)
         return self._copied(model, envs, copies)
 
-    def _model(self, team: Any) -> Any:
+    def _model(self, team: Team) -> Mission:
         """The model of all environments.
 
         Raises:

@@ -44,7 +44,7 @@ def run_main_job(
 ) -> Summary | None:  # fmt: skip
     """Train, evaluate, record and draw into the run folder `out`; return the content of summary.json.
 
-    With several processes (rl/runs/processes.py), only rank 0 writes to `out`. The other ranks read their scenario from
+    With several processes, only rank 0 writes to `out`. The other ranks read their scenario from
     `source` and return None. `watch` is called after each training step. `logger` is "tensorboard", "wandb" or "none".
 
     Raises:

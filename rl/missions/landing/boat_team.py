@@ -54,7 +54,7 @@ class BoatTeam(Team[Served, LandingTeam]):
 
     def commanded(self, action: Tensor) -> Tensor:
         """Vessel actions [env, boat, a] for a policy's deviations [env, boat, 2] from the ordered course and speed."""
-        self.chosen = action.clamp(-1.0, 1.0) + 0.0 * action
+        self.chosen_before, self.chosen = self.chosen, action.clamp(-1.0, 1.0) + 0.0 * action
         return self.boats.sail(self.chosen)
 
     def make_controller(self) -> Controller:
