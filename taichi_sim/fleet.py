@@ -39,7 +39,7 @@ from taichi_sim.kernels.rotation import (
     torch_euler_from_quaternion,
 )
 from taichi_sim.kernels.runtime import Launcher
-from taichi_sim.models.contact.touch import Touch
+from taichi_sim.models.contact.leg_contact import Touch
 from taichi_sim.state.memory import Remembers
 
 VEHICLE_STEP = 4e3  # ns, approximate time of a control step of one vehicle: more for hulls, less for others

@@ -40,7 +40,7 @@ from taichi_sim.kernels import runtime
 from taichi_sim.kernels.conventions import DOWN, ELEVATION, HORIZONTAL, QW, STATE_SIZE, SURGE
 from taichi_sim.kernels.packs import Build, struct_of
 from taichi_sim.kernels.rigid_body import Number
-from taichi_sim.models.contact.parts import Deck, Legs
+from taichi_sim.models.contact.deck_and_legs import Deck, Legs
 from taichi_sim.surroundings.around_vehicles import Surroundings
 
 Medium = Literal["water", "air"]
@@ -92,8 +92,8 @@ class Vehicle:
     for an entry of a list ("rigid_body.cg.0"); `file_keys`, keys that name files beside the vehicle file;
     `ending_names`, the keys of `endings`; `signals`, `forces`, `air` and `airframe` for recordings.
 
-    Contact (contact/contacts.py): `deck`, a place on it where others land; `legs`, on which it lands, with `soles` and
-    `deck_reach`. A model with legs steps against the decks in `fleet.touch`, if that is not None.
+    Contact (contact/between_teams.py): `deck`, a place on it where others land; `legs`, on which it lands, with `soles`
+    and `deck_reach`. A model with legs steps against the decks in `fleet.touch`, if that is not None.
 
     Attributes:
         params: the vehicle file's numbers.

@@ -24,7 +24,7 @@ from taichi_sim.kernels.conventions import EAST, STATE_SIZE, SURFACE_SIZE
 from taichi_sim.kernels.random import Noise
 from taichi_sim.kernels.rotation import DERIVED_SIZE
 from taichi_sim.models.catalogue import load_vehicle, step_of
-from taichi_sim.models.contact.contacts import Contacts
+from taichi_sim.models.contact.between_teams import Contacts
 from taichi_sim.randomisation.conditions import realise
 from taichi_sim.randomisation.variation import Variation
 from taichi_sim.state.dump import Dump, save_dump
@@ -78,7 +78,7 @@ class World(Stateful):
             holds the numbers of the vehicles and the conditions as drawn for the episode. `renew` writes it in place;
             its width in a scenario does not depend on `variation`.
         truth_names: team -> n names.
-        contacts: teams with legs and the decks that may carry them (contact/contacts.py).
+        contacts: teams with legs and the decks that may carry them (contact/between_teams.py).
         dump_folder: folder for the last step of an environment whose state is no longer finite (dump.py); None: no
             dumps.
     """

@@ -4,7 +4,7 @@ import pytest
 
 from taichi_sim.config import ConfigError
 from taichi_sim.models.catalogue import load_vehicle
-from taichi_sim.models.contact.parts import MOST_STEPS
+from taichi_sim.models.contact.deck_and_legs import MOST_STEPS
 
 
 @pytest.mark.parametrize(

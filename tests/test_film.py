@@ -13,8 +13,8 @@ from taichi_sim.visualisation.film.camera import FollowRig
 from taichi_sim.visualisation.film.files import film_times
 from taichi_sim.visualisation.film.moment import TRAIL_S
 from taichi_sim.visualisation.film.picture import room_at_decks
+from taichi_sim.visualisation.recording.east_north_up import euler
 from taichi_sim.visualisation.recording.episode import Platform
-from taichi_sim.visualisation.recording.frames import euler
 from taichi_sim.visualisation.recording.overlays import Lines
 
 TINY = {"size": (160, 120), "fps": 10.0}

@@ -18,13 +18,13 @@ from test_recording import make_episode
 
 from taichi_sim.applications.commands import fit as command
 from taichi_sim.applications.fit import estimate
-from taichi_sim.applications.fit.dependence import spreads
 from taichi_sim.applications.fit.estimate import Fit, Start, _directions, _given_the_rest, fit
+from taichi_sim.applications.fit.gauss_newton import delayed
 from taichi_sim.applications.fit.log import read_columns, read_log
-from taichi_sim.applications.fit.samples import inspected
-from taichi_sim.applications.fit.search import delayed
-from taichi_sim.applications.fit.synthetic import write_logs
-from taichi_sim.applications.fit.table import LogError, Source, drawn_means, held_means
+from taichi_sim.applications.fit.log_table import LogError, Source, drawn_means, held_means
+from taichi_sim.applications.fit.residual_correlation import spreads
+from taichi_sim.applications.fit.sample_selection import inspected
+from taichi_sim.applications.fit.synthetic_logs import write_logs
 from taichi_sim.applications.fit.windows import windows_of
 from taichi_sim.config import TeamConfig
 from taichi_sim.config.io import vehicle_file

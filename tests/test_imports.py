@@ -21,9 +21,9 @@ LAYERS = (
     ("taichi_sim.surroundings.sea", "taichi_sim.surroundings.air"),
     (
         "taichi_sim.surroundings.around_vehicles",
-        "taichi_sim.models.contact.parts",
-        "taichi_sim.models.contact.carrier",
-        "taichi_sim.models.contact.touch",
+        "taichi_sim.models.contact.deck_and_legs",
+        "taichi_sim.models.contact.deck_motion",
+        "taichi_sim.models.contact.leg_contact",
     ),
     ("taichi_sim.fleet",),
     ("taichi_sim.vehicle",),

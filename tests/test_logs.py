@@ -9,8 +9,8 @@ from rosbags.typesys import Stores, get_typestore
 from test_fit import FORMATS, _dataflash, _record
 
 from taichi_sim.applications.fit.log import read_log
-from taichi_sim.applications.fit.synthetic import write_logs
-from taichi_sim.applications.fit.table import LogError, Source
+from taichi_sim.applications.fit.log_table import LogError, Source
+from taichi_sim.applications.fit.synthetic_logs import write_logs
 from taichi_sim.models.catalogue import load_vehicle
 
 pytestmark = pytest.mark.usefixtures("f64")

@@ -23,7 +23,7 @@ from taichi_sim.visualisation.recording import Airframe, Episode, write_recordin
 from taichi_sim.visualisation.recording.arrows import metres_per_second_per_metre
 from taichi_sim.visualisation.recording.bodies import aircraft
 from taichi_sim.visualisation.recording.sea_patch import SeaGrid
-from taichi_sim.visualisation.recording.vehicles import smooth_course
+from taichi_sim.visualisation.recording.team_view import smooth_course
 
 SIZE, CHORD = (1.7, 2.9, 0.6), 0.19
 STEPS = 40

@@ -20,7 +20,7 @@ from taichi_sim.visualisation.recording.overlays import (
     Plot,
     Points,
 )
-from taichi_sim.visualisation.recording.space import line_lift
+from taichi_sim.visualisation.recording.static_scene import line_lift
 
 STEPS = 6
 RED = (220, 40, 40)

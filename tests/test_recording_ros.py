@@ -19,7 +19,7 @@ from test_recording import make_episode
 from rl.evaluation.record import output_of
 from rl.runs.folder import RunError
 from taichi_sim.visualisation.recording import Episode, Force
-from taichi_sim.visualisation.recording.frames import ecef, geodetic
+from taichi_sim.visualisation.recording.east_north_up import ecef, geodetic
 from taichi_sim.visualisation.recording.ros import FJORD, BagError, Origin, write_mcap, write_rosbag2
 
 EPOCH_NS = 10**18

@@ -20,9 +20,9 @@ from taichi_sim.visualisation.recording.arrows import newtons_per_metre, round_s
 from taichi_sim.visualisation.recording.bodies import above, below, body_mesh, lid, shell
 from taichi_sim.visualisation.recording.palette import ALARM, GOOD
 from taichi_sim.visualisation.recording.recorder import forces_of, signals_of
+from taichi_sim.visualisation.recording.rerun_stream import Stream
 from taichi_sim.visualisation.recording.sea_patch import ROUND_M, Cadence, SeaGrid, SeaPatch
-from taichi_sim.visualisation.recording.stream import Stream
-from taichi_sim.visualisation.recording.vehicles import ABOVE_WATER, NEWEST, WAKE_OFF
+from taichi_sim.visualisation.recording.team_view import ABOVE_WATER, NEWEST, WAKE_OFF
 
 BOX = BoxHull(length=4.0, beam=2.0, draft=0.5, freeboard=0.25, panels_along=4)
 PONTOONS = TwinPontoons(y=0.4, freeboard=0.1, stations=((-1.0, 0.2, 0.1), (0.5, 0.3, 0.3), (1.0, 0.0, 0.2)))

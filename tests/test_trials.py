@@ -11,7 +11,7 @@ import pytest
 from taichi_sim.applications.commands import trials
 from taichi_sim.applications.trials import flight, ship
 from taichi_sim.applications.trials.basin import Setting
-from taichi_sim.applications.trials.figures import (
+from taichi_sim.applications.trials.results import (
     Outcome,
     TrialError,
     criteria,

@@ -36,7 +36,7 @@ is a factor of the turbulence intensity; it is read only where the factor varies
 random numbers (random.py). `waves` and `turns` are `sea` and `phase` as vectors (lanes.py), `waves` without axes."""
 
 TouchPack = ti.types.argpack(way=array3, pressing=array3, soles=array3, struck=array3, blow=array3)
-"""Nearby decks and remembered contacts of a team with legs, each [env, vehicle, n] (contact/touch.py)."""
+"""Nearby decks and remembered contacts of a team with legs, each [env, vehicle, n] (contact/leg_contact.py)."""
 
 
 class Build(NamedTuple):

@@ -19,7 +19,7 @@ from rosbags.rosbag2 import StoragePlugin
 from test_fit import _bag, _dataflash
 
 from taichi_sim.applications.fit.log import read_log
-from taichi_sim.applications.fit.synthetic import write_logs
+from taichi_sim.applications.fit.synthetic_logs import write_logs
 from taichi_sim.config import ConfigError, series
 from taichi_sim.config.series import read_series
 from taichi_sim.models.catalogue import load_vehicle

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from taichi_sim.config import WorldConfig
 from taichi_sim.kernels.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler, torch_rotation_matrix
-from taichi_sim.models.contact.contacts import PlacementError
+from taichi_sim.models.contact.between_teams import PlacementError
 from taichi_sim.world import World
 from tests.probes import ground_ratios
 

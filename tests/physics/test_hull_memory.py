@@ -10,8 +10,8 @@ from taichi_sim.config.io import config_folder
 from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.kernels.lanes import laned, laned1, laned3
 from taichi_sim.models.usv.hull.database import HydroDatabase
-from taichi_sim.models.usv.hull.memory import Memory
 from taichi_sim.models.usv.hull.radiation import Bank, radiate
+from taichi_sim.models.usv.hull.radiation_memory import Memory
 from taichi_sim.surroundings.sea import Sea
 from taichi_sim.surroundings.sea.spectrum import Components
 

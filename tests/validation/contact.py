@@ -23,8 +23,8 @@ from taichi_sim.config import Strict
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.conventions import GRAVITY, VELOCITY
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
-from taichi_sim.models.contact.contacts import Contacts
-from taichi_sim.models.contact.parts import Deck, Legs
+from taichi_sim.models.contact.between_teams import Contacts
+from taichi_sim.models.contact.deck_and_legs import Deck, Legs
 from taichi_sim.models.uav.multirotor.multirotor_6dof import Multirotor6DOF
 from taichi_sim.models.uav.multirotor.params import MultirotorParams
 from taichi_sim.surroundings.around_vehicles import Surroundings

@@ -13,8 +13,8 @@ from rl.missions.landing.config import LandingScenario
 from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.visualisation.plotting import INK, dress, new_figure, rgb
 from taichi_sim.visualisation.recording import Episode
+from taichi_sim.visualisation.recording.east_north_up import Array
 from taichi_sim.visualisation.recording.episode import TeamTrack
-from taichi_sim.visualisation.recording.frames import Array
 
 WIDE = 7.6  # inches
 BEFORE, AFTER = 10.0, 2.0  # s about the first touch that are drawn

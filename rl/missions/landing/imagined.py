@@ -25,7 +25,7 @@ from taichi_sim.config import SeaConfig
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, BELOW, DOWN, POSITION, QUATERNION, STATE_SIZE, VELOCITY
 from taichi_sim.kernels.rotation import torch_euler_from_rotation, torch_rotation_matrix
-from taichi_sim.models.contact.contacts import Contacts, soles_in_deck
+from taichi_sim.models.contact.between_teams import Contacts, soles_in_deck
 from taichi_sim.state.memory import Remembers
 from taichi_sim.state.snapshot import transfer
 from taichi_sim.surroundings.around_vehicles import Surroundings

@@ -38,9 +38,9 @@ import numpy as np
 from taichi_sim.applications.commands.trials import changes_of
 from taichi_sim.applications.fit.estimate import LOST, STARTS, Fit, fit
 from taichi_sim.applications.fit.log import Log, read_columns, read_log
-from taichi_sim.applications.fit.samples import SENSORS
-from taichi_sim.applications.fit.synthetic import write_logs
-from taichi_sim.applications.fit.table import CHANNELS, Source
+from taichi_sim.applications.fit.log_table import CHANNELS, Source
+from taichi_sim.applications.fit.sample_selection import SENSORS
+from taichi_sim.applications.fit.synthetic_logs import write_logs
 from taichi_sim.applications.fit.windows import SECONDS, window_seconds
 from taichi_sim.config import ConfigError, TeamConfig
 from taichi_sim.config.base import MissingExtraError

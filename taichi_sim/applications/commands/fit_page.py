@@ -4,7 +4,7 @@ import numpy as np
 
 from taichi_sim.applications.fit.estimate import Fit, SimulatedWindow, Tested
 from taichi_sim.applications.fit.log import Log
-from taichi_sim.applications.fit.table import EAST, HEADING, NORTH
+from taichi_sim.applications.fit.log_table import EAST, HEADING, NORTH
 from taichi_sim.visualisation.plotting.page import (
     COLOURS,
     FAINT,

@@ -29,7 +29,7 @@ import numpy as np
 
 from taichi_sim.applications.trials import flight, ship
 from taichi_sim.applications.trials.basin import Setting
-from taichi_sim.applications.trials.figures import Outcome, TrialError, TrialsReport, criteria
+from taichi_sim.applications.trials.results import Outcome, TrialError, TrialsReport, criteria
 from taichi_sim.config import AirConfig, ConfigError, SeaConfig, Strict
 from taichi_sim.config.base import Table
 from taichi_sim.config.io import refuse_unwritable, validate

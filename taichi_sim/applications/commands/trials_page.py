@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichi_sim.applications.trials.figures import Outcome, Panel, TrialsReport
+from taichi_sim.applications.trials.results import Outcome, Panel, TrialsReport
 from taichi_sim.visualisation.plotting.page import blank, page, panel, paragraph, section, style, svg, table
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichi_sim.applications.fit.table import CHANNELS, Array, LogError, Source, Table, held_means
+from taichi_sim.applications.fit.log_table import CHANNELS, Array, LogError, Source, Table, held_means
 from taichi_sim.config.base import MissingExtraError
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_sim.applications.fit.table import CLOCK, GAP, Array, LogError, Source, Table, drawn_means, held
+from taichi_sim.applications.fit.log_table import CLOCK, GAP, Array, LogError, Source, Table, drawn_means, held
 from taichi_sim.applications.sitl.channels import FUNCTIONS, default_channels, read_channels
 from taichi_sim.config.base import MissingExtraError
 from taichi_sim.vehicle import Vehicle

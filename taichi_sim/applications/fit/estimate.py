@@ -3,9 +3,9 @@
 Estimated are the numbers, the initial state of each window (position, heading, u, v, r), and for each log the current
 and the biases of compass and gyro. The numbers are theta_k = theta0_k exp(phi_k), with the prior phi_k ~ N(0, prior_k).
 
-The search (search.py) goes over short windows first, because the first guess may be bad. It starts from the file's
-numbers and from the best of many candidates that are drawn from the priors and all simulated at once. Starts that end
-at different numbers go on to the full windows, and the most likely one is kept.
+The search (gauss_newton.py) goes over short windows first, because the first guess may be bad. It starts from the
+file's numbers and from the best of many candidates that are drawn from the priors and all simulated at once. Starts
+that end at different numbers go on to the full windows, and the most likely one is kept.
 
 The intervals are those of the linearised posterior (Fisher information and priors): they hold for white measurement
 errors and a correct model. Numbers that the data do not determine keep the file's value and the interval of their
@@ -19,9 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_sim.applications.fit.dependence import spreads
-from taichi_sim.applications.fit.log import Log
-from taichi_sim.applications.fit.search import (
+from taichi_sim.applications.fit.gauss_newton import (
     CURRENT,
     DELAYS,
     LOG_PRIOR,
@@ -38,7 +36,9 @@ from taichi_sim.applications.fit.search import (
     search_first_states,
     side_by_side,
 )  # fmt: skip
-from taichi_sim.applications.fit.table import CHANNELS, Array, LogError
+from taichi_sim.applications.fit.log import Log
+from taichi_sim.applications.fit.log_table import CHANNELS, Array, LogError
+from taichi_sim.applications.fit.residual_correlation import spreads
 from taichi_sim.applications.fit.windows import (
     Window,
     WindowSimulator,

@@ -16,8 +16,18 @@ import numpy as np
 
 from taichi_sim.applications.fit.bag import read_bag
 from taichi_sim.applications.fit.dataflash import read_dataflash
-from taichi_sim.applications.fit.samples import Mask, inspected
-from taichi_sim.applications.fit.table import CHANNELS, GAP, HEADING, YAW_RATE, Array, Column, LogError, Source, Table
+from taichi_sim.applications.fit.log_table import (
+    CHANNELS,
+    GAP,
+    HEADING,
+    YAW_RATE,
+    Array,
+    Column,
+    LogError,
+    Source,
+    Table,
+)
+from taichi_sim.applications.fit.sample_selection import Mask, inspected
 from taichi_sim.config.columns import LATEST, TURN, Sheet
 from taichi_sim.config.series import FASTEST_WIND
 from taichi_sim.vehicle import Vehicle
@@ -53,7 +63,7 @@ class Log(NamedTuple):
     actions: Array  # [sample, action], held from each sample on
     parts: tuple[slice, ...]  # ranges without gaps
     digest: str  # sha256 of the file, or of the files of a folder
-    new: Mask  # [sample, 4]: which values of the motion count (samples.py)
+    new: Mask  # [sample, 4]: which values of the motion count (sample_selection.py)
     notes: tuple[str, ...] = ()  # repeats and jumps that were found
     wind: Array | None = None  # [sample, 2]: velocity of the air to the north and east, m/s; None: not measured
 

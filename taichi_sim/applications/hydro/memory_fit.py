@@ -1,4 +1,4 @@
-"""Fit of a memory (taichi_sim/models/usv/hull/memory.py) to added mass and damping by frequency.
+"""Fit of a memory (taichi_sim/models/usv/hull/radiation_memory.py) to added mass and damping by frequency.
 
 A_inf may change within the error of a panel code: only one A_inf agrees with A and B at all other frequencies (Ogilvie
 1964), and that of a mesh is slightly wrong. Motions that symmetry does not couple are fitted separately: surge, heave
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from taichi_sim.applications.hydro.frequency_sweep import CONTEXT, workers
-from taichi_sim.models.usv.hull.memory import Memory
+from taichi_sim.models.usv.hull.radiation_memory import Memory
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating]

@@ -26,7 +26,7 @@ from taichi_sim.applications.sitl.craft import HELD_HEIGHT, Counts, Craft, Senso
 from taichi_sim.config.base import MissingExtraError
 from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.kernels.rotation import numpy_rotation_matrix
-from taichi_sim.visualisation.recording.frames import FJORD, geodetic
+from taichi_sim.visualisation.recording.east_north_up import FJORD, geodetic
 
 PORT = 4560  # of PX4's first instance; the next ones follow
 RATE = 250  # frames per second, those of PX4's inertial sensors

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from taichi_sim.applications.trials.figures import Curve, Outcome, Panel, TrialError
+from taichi_sim.applications.trials.results import Curve, Outcome, Panel, TrialError
 from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.models.uav.fixed_wing.equations import flight_envelope
 from taichi_sim.models.uav.fixed_wing.params import FixedWingParams

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.applications.trials.basin import SHIP_HELM, Array, Basin, Setting, Track, last_speed, vessel_of
-from taichi_sim.applications.trials.figures import Curve, Outcome, Panel, TrialError, crossing, peaks
+from taichi_sim.applications.trials.results import Curve, Outcome, Panel, TrialError, crossing, peaks
 from taichi_sim.kernels.conventions import GRAVITY, QUATERNION, SURGE
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 

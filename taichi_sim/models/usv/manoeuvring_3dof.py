@@ -2,8 +2,8 @@
 
     eta_dot = R(psi) nu,   M nu_dot = -C(nu) nu - D(nu) nu - g + tau,
 
-with eta = [x, y, psi] in n and nu = [u, v, r] in b. The disturbance g is the load of waves (plane.py). M, C and D
-are those of eqs (3)-(4), in the notation of Skjetne, Smogeli & Fossen (2004), Modeling, Identification and Control
+with eta = [x, y, psi] in n and nu = [u, v, r] in b. The disturbance g is the load of waves (planar_motion.py). M, C and
+D are those of eqs (3)-(4), in the notation of Skjetne, Smogeli & Fossen (2004), Modeling, Identification and Control
 25(1), 3-27:
 
     m11 = m - X_udot, m22 = m - Y_vdot, m23 = m x_g - Y_rdot, m32 = m x_g - N_vdot, m33 = I_z - N_rdot,
@@ -43,7 +43,7 @@ from taichi_sim.kernels.abreast import taken, taken2
 from taichi_sim.kernels.conventions import EAST, NORTH
 from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, own_numbers
 from taichi_sim.kernels.runtime import array2
-from taichi_sim.models.usv.plane import (
+from taichi_sim.models.usv.planar_motion import (
     AT_ONCE,
     elevations,
     first_plane,

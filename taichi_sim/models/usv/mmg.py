@@ -29,7 +29,7 @@ The method is made for motion ahead. The extensions beyond it are assumed:
 - The rudder's inflow has no such division either, and comes from astern where u_R < 0.
 
 The water moves with the current V_c, and the equations hold for the velocity relative to it (see manoeuvring_3dof.py).
-Heave, roll and pitch follow the surface under the hull (plane.py).
+Heave, roll and pitch follow the surface under the hull (planar_motion.py).
 
 Propeller and rudder follow their commands with a lag T and a rate limit:
 
@@ -59,7 +59,7 @@ from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, own_numbers
 from taichi_sim.kernels.rigid_body import Number
 from taichi_sim.kernels.runtime import array2
 from taichi_sim.models.usv.mmg_params import HullDerivatives, HullPolynomial, MmgParams, Propeller, Rudder
-from taichi_sim.models.usv.plane import (
+from taichi_sim.models.usv.planar_motion import (
     AT_ONCE,
     elevations,
     first_plane,

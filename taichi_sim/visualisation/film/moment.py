@@ -10,8 +10,8 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from taichi_sim.visualisation.recording.east_north_up import euler
 from taichi_sim.visualisation.recording.episode import Array, Episode, Event, Scene, TeamTrack
-from taichi_sim.visualisation.recording.frames import euler
 from taichi_sim.visualisation.recording.overlays import Overlay3D
 from taichi_sim.visualisation.recording.palette import Livery
 

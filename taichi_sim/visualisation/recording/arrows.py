@@ -9,11 +9,11 @@ ground.
 import numpy as np
 import rerun as rr
 
+from taichi_sim.visualisation.recording.east_north_up import enu, map_point
 from taichi_sim.visualisation.recording.episode import Array, Episode, TeamTrack
-from taichi_sim.visualisation.recording.frames import enu, map_point
 from taichi_sim.visualisation.recording.palette import AIRSPEED, BORESIGHT, CURRENT, GROUND_SPEED, LOADS, WIND, Colour
-from taichi_sim.visualisation.recording.space import line_lift, map_bounds
-from taichi_sim.visualisation.recording.stream import Stream
+from taichi_sim.visualisation.recording.rerun_stream import Stream
+from taichi_sim.visualisation.recording.static_scene import line_lift, map_bounds
 
 SHOWN = 0.95  # quantile over time of the team's largest load; sets the scale
 LOAD_LENGTHS = 1.5  # length of the arrow of that load, in vehicle lengths

@@ -14,10 +14,10 @@ import rerun.blueprint as rrb
 from taichi_sim.visualisation.recording.episode import Array, Episode, TeamTrack
 from taichi_sim.visualisation.recording.overlays import Note, Plot, entity_name
 from taichi_sim.visualisation.recording.plots import OTHERS, error_plots, signal_path
+from taichi_sim.visualisation.recording.rerun_stream import root_of
 from taichi_sim.visualisation.recording.sea_patch import HAZE, patch_of
-from taichi_sim.visualisation.recording.space import map_bounds
-from taichi_sim.visualisation.recording.stream import root_of
-from taichi_sim.visualisation.recording.vehicles import TRAIL_S
+from taichi_sim.visualisation.recording.static_scene import map_bounds
+from taichi_sim.visualisation.recording.team_view import TRAIL_S
 
 MAP_ROOM = 0.2  # margin of a live view's map over its side
 CURVES = "curves"  # path of a live view's plots that belong to no episode

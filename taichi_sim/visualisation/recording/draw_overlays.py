@@ -7,8 +7,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from taichi_sim.visualisation.recording.east_north_up import enu, level_quaternion, map_point
 from taichi_sim.visualisation.recording.episode import Array, Episode
-from taichi_sim.visualisation.recording.frames import enu, level_quaternion, map_point
 from taichi_sim.visualisation.recording.overlays import (
     Arrows,
     Cylinders,
@@ -21,8 +21,8 @@ from taichi_sim.visualisation.recording.overlays import (
 )
 from taichi_sim.visualisation.recording.palette import FOLLOWERS
 from taichi_sim.visualisation.recording.plots import as_shown, send_plot
-from taichi_sim.visualisation.recording.space import line_lift
-from taichi_sim.visualisation.recording.stream import Stream
+from taichi_sim.visualisation.recording.rerun_stream import Stream
+from taichi_sim.visualisation.recording.static_scene import line_lift
 
 RIGID_M = 2e-3  # m: largest deformation of a line that counts as rigid
 ROUND = np.linspace(0.0, 2.0 * np.pi, 33)  # rad, an ellipse on the map

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.kernels.conventions import HEADING
-from taichi_sim.visualisation.recording.frames import Array, euler
+from taichi_sim.visualisation.recording.east_north_up import Array, euler
 from taichi_sim.visualisation.recording.overlays import Note, Overlay, Plot
 from taichi_sim.visualisation.recording.palette import ALARM, GOOD, Colour, Livery, liveries
 

@@ -26,8 +26,8 @@ import rerun as rr
 
 from taichi_sim.visualisation.recording.blueprint import CURVES, LiveLayout, blueprint
 from taichi_sim.visualisation.recording.episode import Episode
+from taichi_sim.visualisation.recording.rerun_stream import Stream
 from taichi_sim.visualisation.recording.rrd import draw
-from taichi_sim.visualisation.recording.stream import Stream
 
 PORT = 9876  # rerun's default
 HOST = "127.0.0.1"

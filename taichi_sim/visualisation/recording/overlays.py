@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from taichi_sim.visualisation.recording.frames import Array
+from taichi_sim.visualisation.recording.east_north_up import Array
 from taichi_sim.visualisation.recording.palette import Colour
 
 Where = Literal["world", "map", "both"]

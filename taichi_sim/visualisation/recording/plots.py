@@ -6,10 +6,10 @@ import numpy as np
 import rerun as rr
 
 from taichi_sim.kernels.conventions import HEADING
+from taichi_sim.visualisation.recording.east_north_up import euler
 from taichi_sim.visualisation.recording.episode import Array, Episode, TeamTrack
-from taichi_sim.visualisation.recording.frames import euler
 from taichi_sim.visualisation.recording.palette import FOLLOWERS, TARGET, Colour
-from taichi_sim.visualisation.recording.stream import Stream
+from taichi_sim.visualisation.recording.rerun_stream import Stream
 
 OTHERS = "others"  # suffix of a plot with the lines of all vehicles but the first
 FAINT = 200  # grey of which the lines of an episode beside the main one have a half

@@ -16,9 +16,9 @@ from taichi_sim.visualisation.recording.blueprint import blueprint
 from taichi_sim.visualisation.recording.draw_overlays import send_overlays
 from taichi_sim.visualisation.recording.episode import Episode
 from taichi_sim.visualisation.recording.plots import send_plots
-from taichi_sim.visualisation.recording.space import send_events, send_scene, send_sea
-from taichi_sim.visualisation.recording.stream import Stream
-from taichi_sim.visualisation.recording.vehicles import send_team
+from taichi_sim.visualisation.recording.rerun_stream import Stream
+from taichi_sim.visualisation.recording.static_scene import send_events, send_scene, send_sea
+from taichi_sim.visualisation.recording.team_view import send_team
 
 APPLICATION = "taichi_sim"
 

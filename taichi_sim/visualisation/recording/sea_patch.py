@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from taichi_sim.kernels.conventions import HORIZONTAL
 from taichi_sim.visualisation.recording.episode import Array, Episode, TeamTrack
-from taichi_sim.visualisation.recording.stream import Stream
+from taichi_sim.visualisation.recording.rerun_stream import Stream
 
 CELLS, CELLS_ALOFT = 20, 40  # coarse cells per side, around boats and below aircraft
 MIN_HALF_M = 30.0  # half the side of the smallest patch

@@ -5,7 +5,7 @@ from torch import Tensor
 
 import taichi_sim as ts
 from taichi_sim.kernels.rotation import torch_rotation_matrix
-from taichi_sim.models.contact.parts import Deck
+from taichi_sim.models.contact.deck_and_legs import Deck
 
 FINE = 20  # steps of the classical Runge-Kutta method in a physics step
 

@@ -6,8 +6,8 @@ is held over a substep, which is made in the frame of the air, so a steady wind 
 command held over a substep (airframe.py). What else is held over one, is as in its middle: the sea and the deck below,
 the battery's voltage.
 
-Near a deck (contact/contacts.py) the ground effect includes the rotors' images in it, and a substep in which a sole may
-touch consists of contact steps (landing.py). Far from decks the results are those of a world without decks.
+Near a deck (contact/between_teams.py) the ground effect includes the rotors' images in it, and a substep in which a
+sole may touch consists of contact steps (deck_step.py). Far from decks the results are those of a world without decks.
 """
 
 # Kernels are another language inside Python syntax.
@@ -32,15 +32,15 @@ from taichi_sim.kernels.lanes import is_laned, lane_of
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, TouchPack, load_at, own_numbers
 from taichi_sim.kernels.position import move, with_position
 from taichi_sim.kernels.rotation import UPRIGHT, attitude_of, position_of, rates_of, store, velocity_of
-from taichi_sim.models.contact import carrier
-from taichi_sim.models.contact.touch import SOLE_SIZE
+from taichi_sim.models.contact import deck_motion
+from taichi_sim.models.contact.leg_contact import SOLE_SIZE
 from taichi_sim.models.uav import local_air
 from taichi_sim.models.uav.aircraft import TrimError
 from taichi_sim.models.uav.fixed_wing.airframe import atan2, with_velocity
-from taichi_sim.models.uav.multirotor import controller, ground, landing, rotors
+from taichi_sim.models.uav.multirotor import controller, deck_step, ground, rotors
 from taichi_sim.models.uav.multirotor import instruments as at
 from taichi_sim.models.uav.multirotor.airframe import derivatives, ground_ratios, induced_velocity, rk4
-from taichi_sim.models.uav.multirotor.body import body_surface
+from taichi_sim.models.uav.multirotor.body_mesh import body_surface
 from taichi_sim.models.uav.multirotor.params import MultirotorParams, multirotor_numbers, nominal_numbers, varying_keys
 from taichi_sim.models.uav.multirotor.params import gains as rotor_gains
 from taichi_sim.models.uav.multirotor.trim import largest_stable_dt, show, trim, trimmed
@@ -267,11 +267,11 @@ class Multirotor6DOF(Vehicle):
         way, rates, toward, voltage = still, still, still, time * 0.0
         wanted, rate = omega * 0.0, y * 0.0
         sea_weight, deck_upwash = omega * 0.0 + 1.0, omega * 0.0  # of each rotor, over a deck
-        body = ti.Vector([time * 0.0 for _ in ti.static(range(landing.BODY_SIZE))])
+        body = ti.Vector([time * 0.0 for _ in ti.static(range(deck_step.BODY_SIZE))])
         soles = ti.Vector([time * 0.0 for _ in ti.static(range(max(self.sole_numbers, 1)))])
         by_deck, pressed, struck, landed, blow = 0, 0, 0, 0, time * 0.0
         if ti.static(build.decked):
-            by_deck, pressed = int(touch.way[e, i, carrier.WHICH]), int(touch.pressing[e, i, carrier.PRESSED])
+            by_deck, pressed = int(touch.way[e, i, deck_motion.WHICH]), int(touch.pressing[e, i, deck_motion.PRESSED])
             for k in ti.static(range(self.sole_numbers)):
                 soles[k] = touch.soles[e, i, k]
         for n in range(self.substeps):
@@ -282,7 +282,7 @@ class Multirotor6DOF(Vehicle):
                 voltage, current = rotors.battery_terminal(self.p.battery, charge, rotors.shaft_power(self.p, p, omega))
                 most *= ti.min(voltage * ti.static(1.0 / self.p.battery.nominal), 1.0)
             if ti.static(build.decked and self.sole_numbers > 0):
-                landed = landing.soles_down(soles, ti.static(self.sole_numbers // SOLE_SIZE))
+                landed = deck_step.soles_down(soles, ti.static(self.sole_numbers // SOLE_SIZE))
             if n % ti.static(self.sampled.every) == 0:
                 now, moving = y, v_n
                 if ti.static(self.sampled.ahead > 0.0):
@@ -312,19 +312,21 @@ class Multirotor6DOF(Vehicle):
                 flies = 1
                 if by_deck > 0:
                     begun, across2 = n * ti.static(self.dt), y[7] * y[7] + y[8] * y[8]
-                    then = landing.ahead_of(y, v_n, ti.static(0.5 * self.dt))
-                    height, inside, hit = landing.rotors_over(
+                    then = deck_step.ahead_of(y, v_n, ti.static(0.5 * self.dt))
+                    height, inside, hit = deck_step.rotors_over(
                         self.p, p, touch.way, e, i, then, begun + ti.static(0.5 * self.dt), self.interval, body
                     )
                     struck = ti.max(struck, hit)
                     if ti.static(self.p.ground_effect):
-                        sea_weight, deck_upwash = landing.deck_ground(self.p, p, height, inside, omega, across2)
-                    soon = landing.touches_soon(self.p, p, touch.way, e, i, y, v_n, begun, self.interval, body, self.dt)
+                        sea_weight, deck_upwash = deck_step.deck_ground(self.p, p, height, inside, omega, across2)
+                    soon = deck_step.touches_soon(
+                        self.p, p, touch.way, e, i, y, v_n, begun, self.interval, body, self.dt
+                    )
                     if soon > 0 or pressed > 0:
                         flies = 0
                         below = ground.beneath(-y[2] - sea, sea_weight, deck_upwash)
                         ratio = ground_ratios(self.p, p, self.over_decks, R, velocity_of(y), omega, below)
-                        y, omega, soles, body, blow = landing.land(
+                        y, omega, soles, body, blow = deck_step.land(
                             self.p, p, self.contact_steps, self.dt, self.interval, touch.way, e, i, y, met, omega,
                             command, tau, ratio, soles, body, begun, blow,
                         )  # fmt: skip
@@ -349,7 +351,7 @@ class Multirotor6DOF(Vehicle):
         if ti.static(build.decked):
             touch.blow[e, i, 0] = blow
             if by_deck > 0:
-                landing.remember(touch, self.interval, e, i, soles, body, struck)
+                deck_step.remember(touch, self.interval, e, i, soles, body, struck)
             below = ground.beneath(-y[2] - sea, sea_weight, deck_upwash)
             self.save(p, self.over_decks, fleet, e, i, start, way, y, met, omega, below)
         else:

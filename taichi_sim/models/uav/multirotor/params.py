@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
-from taichi_sim.models.contact.parts import Legs
+from taichi_sim.models.contact.deck_and_legs import Legs
 from taichi_sim.vehicle import Number, VehicleParams, left_of, value_at
 
 MOST_ROTORS = 12
@@ -160,7 +160,7 @@ class MultirotorParams(VehicleParams):
     body: MultirotorBody
     control: Control = Control()
     battery: Battery | None = None
-    legs: Legs | None = None  # what it stands on (contact/parts.py)
+    legs: Legs | None = None  # what it stands on (contact/deck_and_legs.py)
     ground_effect: bool = True  # thrust grows near water and decks (ground.py)
 
     @property

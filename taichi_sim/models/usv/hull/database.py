@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.config import ConfigError
-from taichi_sim.models.usv.hull.memory import Memory
 from taichi_sim.models.usv.hull.mesh import Panels
+from taichi_sim.models.usv.hull.radiation_memory import Memory
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

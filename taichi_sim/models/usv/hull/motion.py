@@ -53,8 +53,8 @@ from taichi_sim.kernels.rotation import (
 )
 from taichi_sim.kernels.runtime import array2, array3
 from taichi_sim.models.usv.hull import mmg_drive, water
-from taichi_sim.models.usv.hull.memory import Modes
 from taichi_sim.models.usv.hull.params import diagonal, symmetric, vector
+from taichi_sim.models.usv.hull.radiation_memory import Modes
 from taichi_sim.models.usv.vessel import wind_forces
 from taichi_sim.vehicle import edge
 
@@ -274,7 +274,8 @@ def runge_kutta_step(A: Array, dt: float) -> Array:
 def strang_step(A: Array, dt: float, modes: Modes, inverse: Array) -> Array:
     """Matrix of one step of drift, midpoint rule and drift of a hull with the inverse mass `inverse` [6, 6].
 
-    Its state is (pose, nu, last change of nu), and the real and imaginary parts of the memory's filters (memory.py).
+    Its state is (pose, nu, last change of nu), and the real and imaginary parts of the memory's filters
+    (radiation_memory.py).
     """
     filters = len(modes.pole)
     drift, kick = np.eye(15 + 2 * filters), np.eye(15 + 2 * filters)

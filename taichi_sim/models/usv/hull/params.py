@@ -18,7 +18,7 @@ from torch import Tensor
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
 from taichi_sim.kernels.conventions import GRAVITY, RHO_SEA
 from taichi_sim.kernels.rigid_body import changed_mass, constant, rigid_body_mass
-from taichi_sim.models.contact.parts import Deck
+from taichi_sim.models.contact.deck_and_legs import Deck
 from taichi_sim.models.usv.hull.mesh import HullShape
 from taichi_sim.models.usv.hull.thrusters import MOST_THRUSTERS, NamedThruster, PropellerPair, Thruster, Vector3
 from taichi_sim.models.usv.mmg import DERIVATIVES, OF_PARTS, part_numbers, polynomial_numbers
@@ -143,7 +143,7 @@ class Hull6DofParams(VehicleParams):
     actuators: Annotated[dict[Name, NamedThruster], Field(max_length=MOST_THRUSTERS)] = {}
     mmg: MmgSection | None = None
     windage: Windage = Windage()
-    deck: Deck | None = None  # for aircraft that land on it (contact/parts.py)
+    deck: Deck | None = None  # for aircraft that land on it (contact/deck_and_legs.py)
 
     @model_validator(mode="after")
     def _consistent(self):
@@ -283,7 +283,7 @@ def varying_keys(p: Hull6DofParams) -> tuple[str, ...]:
     """Keys of the vehicle file that may differ between environments."""
     gains, lags = thruster_keys(p)
     thrusters = (*gains, *dict.fromkeys(lags))
-    deck = (DECK_FRICTION,) if p.deck else ()  # contact/contacts.py reads it
+    deck = (DECK_FRICTION,) if p.deck else ()  # contact/between_teams.py reads it
     return (MASS, *CG, *ADDED_MASS, *LINEAR, *QUADRATIC, *thrusters, *mmg_keys(p), *AREAS, *deck)
 
 

@@ -9,9 +9,9 @@ on the motion relative to the water, and so represent radiation and diffraction:
 
     (M_rb + A_inf) nu_dot = ... + tau_D - mu
 
-(Cummins 1962; Fossen 2021, sec. 5.4 and 6.3). A_inf and mu (memory.py) are radiation, tau_D is diffraction. The
-pressure on the panels stays nonlinear. Coriolis and Munk loads use the file's own added mass. Damping is the file's,
-minus the radiation at the natural frequency in heave, roll and pitch, so that nothing counts twice.
+(Cummins 1962; Fossen 2021, sec. 5.4 and 6.3). A_inf and mu (radiation_memory.py) are radiation, tau_D is diffraction.
+The pressure on the panels stays nonlinear. Coriolis and Munk loads use the file's own added mass. Damping is the
+file's, minus the radiation at the natural frequency in heave, roll and pitch, so that nothing counts twice.
 
 Two effects are not modelled. Forward speed does not change added mass, damping or diffraction: those of zero speed at
 the wave frequency are used at any speed. The depth of the water does not change them either: a database has one depth.
@@ -63,8 +63,8 @@ from taichi_sim.kernels.lanes import blocks, filled, laned, row_of, total, total
 from taichi_sim.kernels.rigid_body import linear, six, times
 from taichi_sim.models.usv.hull.database import HydroDatabase, hull_hash
 from taichi_sim.models.usv.hull.geometry import HullGeometry, device_table
-from taichi_sim.models.usv.hull.memory import Memory, Modes
 from taichi_sim.models.usv.hull.params import Hull6DofParams
+from taichi_sim.models.usv.hull.radiation_memory import Memory, Modes
 from taichi_sim.models.usv.vessel import Number
 from taichi_sim.surroundings.around_vehicles import Surroundings
 from taichi_sim.surroundings.sea.waves import component

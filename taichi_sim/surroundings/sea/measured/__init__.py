@@ -5,7 +5,7 @@ ndbc.py      reads text files of the US National Data Buoy Center
 netcdf.py    reads netCDF of wave models, NDBC and CDIP
 spotter.py   reads JSON and CSV of Sofar's Spotter
 wave_models.py  reads text of SWAN and WAVEWATCH III
-gridded.py   what these readers give, and the gate that it passes
+spectra.py   what these readers give, and the gate that it passes
 record.py    one sea state: density, directions from their first moments, statistics; wave components drawn from it
 """
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from taichi_sim.config import ConfigError, SeaConfig
 from taichi_sim.config.base import MissingExtraError
-from taichi_sim.surroundings.sea.measured.gridded import Gridded, checked
 from taichi_sim.surroundings.sea.measured.ndbc import is_ndbc, read_ndbc
 from taichi_sim.surroundings.sea.measured.netcdf import read_netcdf
 from taichi_sim.surroundings.sea.measured.record import (
@@ -21,6 +20,7 @@ from taichi_sim.surroundings.sea.measured.record import (
     narrowed,
     normalised,
 )
+from taichi_sim.surroundings.sea.measured.spectra import Gridded, checked
 from taichi_sim.surroundings.sea.measured.spotter import is_spotter, read_spotter
 from taichi_sim.surroundings.sea.measured.wave_models import read_text
 from taichi_sim.surroundings.sea.spectrum import spreading

@@ -33,7 +33,7 @@ import numpy as np
 from taichi_sim.config import ConfigError
 from taichi_sim.config.columns import warn_if_cut
 from taichi_sim.config.files import ndbc_set
-from taichi_sim.surroundings.sea.measured.gridded import Gridded
+from taichi_sim.surroundings.sea.measured.spectra import Gridded
 
 MISSING = 998.0  # from here on a value is missing (NDBC writes 999)
 BANDS = np.concatenate((0.0325 + 0.005 * np.arange(13), 0.1 + 0.01 * np.arange(26), 0.365 + 0.02 * np.arange(7)))  # Hz

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichi_sim.config import ConfigError
-from taichi_sim.surroundings.sea.measured.gridded import FEWEST_ANGLES, Gridded, agreed, of_energy
+from taichi_sim.surroundings.sea.measured.spectra import FEWEST_ANGLES, Gridded, agreed, of_energy
 
 if TYPE_CHECKING:
     from xarray import DataArray, Dataset

@@ -19,7 +19,7 @@ import numpy as np
 
 from taichi_sim.config import ConfigError
 from taichi_sim.config.columns import LATEST, Sheet
-from taichi_sim.surroundings.sea.measured.gridded import Gridded, agreed
+from taichi_sim.surroundings.sea.measured.spectra import Gridded, agreed
 
 NEEDED = ("f", "varianceDensity")
 GIVEN = ("df", "a1", "b1", "a2", "b2", "direction", "directionalSpread")

@@ -15,8 +15,8 @@ import numpy as np
 
 from taichi_sim.config import ConfigError
 from taichi_sim.config.columns import warn_if_cut
-from taichi_sim.surroundings.sea.measured.gridded import Gridded, of_energy
 from taichi_sim.surroundings.sea.measured.netcdf import GRAVITY, SEAWATER
+from taichi_sim.surroundings.sea.measured.spectra import Gridded, of_energy
 
 MANY = 1_000_000  # places, frequencies or directions of a file, at most
 KNOWN = (

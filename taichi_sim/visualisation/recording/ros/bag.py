@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
+from taichi_sim.visualisation.recording.east_north_up import FJORD, Origin
 from taichi_sim.visualisation.recording.episode import Episode
-from taichi_sim.visualisation.recording.frames import FJORD, Origin
 from taichi_sim.visualisation.recording.ros.messages import EPOCH_S, Builder, Messages, Topic
 
 if TYPE_CHECKING:

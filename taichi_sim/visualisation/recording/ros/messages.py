@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from taichi_sim.kernels.conventions import GRAVITY
+from taichi_sim.visualisation.recording.east_north_up import Array, Origin, enu, enu_flu_quaternion, flu, geodetic
 from taichi_sim.visualisation.recording.episode import Episode, TeamTrack
-from taichi_sim.visualisation.recording.frames import Array, Origin, enu, enu_flu_quaternion, flu, geodetic
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Msg, Msgarg, Typestore

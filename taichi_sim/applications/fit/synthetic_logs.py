@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_sim.applications.fit.table import HEADING
+from taichi_sim.applications.fit.log_table import HEADING
 from taichi_sim.applications.fit.windows import Window, WindowSimulator, lead_steps
 
 INTERVAL = 0.1  # s

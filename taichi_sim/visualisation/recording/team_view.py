@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from taichi_sim.kernels.conventions import EAST, NORTH
 from taichi_sim.visualisation.recording.bodies import body_mesh
+from taichi_sim.visualisation.recording.east_north_up import enu, enu_quaternion, level_quaternion, map_point
 from taichi_sim.visualisation.recording.episode import Array, Episode, TeamTrack
-from taichi_sim.visualisation.recording.frames import enu, enu_quaternion, level_quaternion, map_point
 from taichi_sim.visualisation.recording.palette import PLUMB, TARGET, WATER, Colour
+from taichi_sim.visualisation.recording.rerun_stream import Stream
 from taichi_sim.visualisation.recording.sea_patch import OFF, Cadence, bias, rounded
-from taichi_sim.visualisation.recording.stream import Stream
 
 TRAIL_S = 25.0  # age of the oldest point of a wake
 TRAIL_POINTS = -1.5  # radius of a trail in points of the screen, whatever the distance

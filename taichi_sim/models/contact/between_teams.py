@@ -3,7 +3,7 @@
 A control step (World.step) has this order:
 
 1. `begin`: each carrier's load gets the mean load of the vehicles that pressed on its decks in the last step.
-2. Carriers step, alone. Then `meet` finds the decks near each vehicle with legs, and their motion (carrier.py).
+2. Carriers step, alone. Then `meet` finds the decks near each vehicle with legs, and their motion (deck_motion.py).
 3. Vehicles with legs step. Where a sole may touch, the physics step is split into contact steps of about a millisecond,
    against a deck that answers at once. Elsewhere the step is the same as in free flight.
 4. `end`: carriers receive the displacement and impulse that the loads of 1 did not include.
@@ -26,9 +26,9 @@ from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.conventions import BELOW, HORIZONTAL, POSITION, QUATERNION
 from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.kernels.runtime import Launcher
-from taichi_sim.models.contact import carrier
-from taichi_sim.models.contact.parts import Deck
-from taichi_sim.models.contact.touch import Touch
+from taichi_sim.models.contact import deck_motion
+from taichi_sim.models.contact.deck_and_legs import Deck
+from taichi_sim.models.contact.leg_contact import Touch
 from taichi_sim.state.memory import Remembers
 from taichi_sim.state.snapshot import entries
 from taichi_sim.vehicle import Vehicle
@@ -54,14 +54,19 @@ class Carriers:
         """Take a team whose vehicles all carry `deck`."""
         self.fleet, self.deck, self.base = fleet, deck, base
         self.before = torch.zeros_like(fleet.state)
-        self.press, self.meet, self.react = Launcher(carrier.press), Launcher(carrier.meet), Launcher(carrier.react)
+        self.press, self.meet, self.react = (
+            Launcher(deck_motion.press),
+            Launcher(deck_motion.meet),
+            Launcher(deck_motion.react),
+        )
         self._numbers: Tensor | None = None
         self._version = -1
         self._table = self._fresh_table()
 
     @property
     def table(self) -> Tensor:
-        """Deck and mobility of each carrier (carrier.py) with current numbers: [env or 1, vehicle or 1, TABLE_SIZE]."""
+        """Deck and mobility of each carrier (deck_motion.py) with current numbers: [env or 1, vehicle or 1,
+        TABLE_SIZE]."""
         numbers = self.fleet.numbers
         version = -1 if numbers is None else numbers._version
         if numbers is not self._numbers or version != self._version:
@@ -157,7 +162,7 @@ class Contacts(Remembers):
     def end(self) -> None:
         """Apply the remaining reactions to the carriers after the vehicles with legs have stepped."""
         for touch in self._touches:
-            if not bool(touch.way[..., carrier.WHICH].any()):
+            if not bool(touch.way[..., deck_motion.WHICH].any()):
                 continue
             for carriers in self.carriers:
                 fleet = carriers.fleet

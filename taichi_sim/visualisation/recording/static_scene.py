@@ -7,12 +7,12 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from taichi_sim.kernels.conventions import DOWN, HORIZONTAL
+from taichi_sim.visualisation.recording.east_north_up import enu, map_point
 from taichi_sim.visualisation.recording.episode import Array, Episode
-from taichi_sim.visualisation.recording.frames import enu, map_point
 from taichi_sim.visualisation.recording.overlays import Note
 from taichi_sim.visualisation.recording.palette import CHECKPOINT, FRAME, OBSTACLE, Colour
+from taichi_sim.visualisation.recording.rerun_stream import Stream
 from taichi_sim.visualisation.recording.sea_patch import SeaPatch, patch_of
-from taichi_sim.visualisation.recording.stream import Stream
 
 LEVELS = {"stall": "WARN"}  # log level of a kind of event; others are an "ERROR", or "INFO" if they are a goal
 SUNK_M = 6.0  # depth of an obstacle below mean sea level, so that no trough shows its foot

@@ -10,8 +10,8 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from taichi_sim.applications.fit.samples import Mask
-from taichi_sim.applications.fit.table import HEADING, Array
+from taichi_sim.applications.fit.log_table import HEADING, Array
+from taichi_sim.applications.fit.sample_selection import Mask
 from taichi_sim.applications.fit.windows import Window, WindowSimulator, lead_steps
 
 OUTLIER = 2.5  # standard deviations beyond which a residual has less weight
@@ -83,7 +83,7 @@ class Problem:
         told = [np.ones(w.motion.shape, dtype=bool) if w.new is None else w.new for w in windows]
         self.new: Mask = np.stack([new[lead_steps(interval) :] for new in told])  # which of them count
         self.of = np.array([w.log for w in windows])
-        self.spread = np.ones(4)  # factors of the deviations of the residuals by channel (dependence.py)
+        self.spread = np.ones(4)  # factors of the deviations of the residuals by channel (residual_correlation.py)
 
     def _request(self, windows: list[Window], phis: Array, currents: Array, states: Array) -> Request:
         if self.known is not None:

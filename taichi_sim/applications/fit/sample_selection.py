@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_sim.applications.fit.table import EAST, HEADING, NORTH, YAW_RATE, Array
+from taichi_sim.applications.fit.log_table import EAST, HEADING, NORTH, YAW_RATE, Array
 
 Mask = NDArray[np.bool_]
 SENSORS = {"position": [NORTH, EAST], "heading": [HEADING], "yaw rate": [YAW_RATE]}  # and their columns of a motion

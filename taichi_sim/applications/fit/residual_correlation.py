@@ -11,8 +11,8 @@ numbers (sandwich; White 1980): g' R g / g' g, where R is the covariance and g t
 import numpy as np
 from scipy.optimize import nnls
 
-from taichi_sim.applications.fit.search import OUTLIER, NormalEquations, Point, Problem
-from taichi_sim.applications.fit.table import Array
+from taichi_sim.applications.fit.gauss_newton import OUTLIER, NormalEquations, Point, Problem
+from taichi_sim.applications.fit.log_table import Array
 
 CONSTANTS = 0.7 * 2.0 ** np.arange(8)  # samples: time constants that are tried
 WINDOWS = 24  # windows whose first states' part is computed; the others are alike

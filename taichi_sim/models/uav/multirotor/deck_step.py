@@ -2,9 +2,9 @@
 
 A contact step is half a drift, a kick, and half a drift (Strang 1968). It integrates position, velocity, attitude and
 angular momentum, all in n, so kicks conserve linear and angular momentum to rounding. A kick uses the forces at its
-midpoint: the soles' forces (contact/touch.py) are computed from velocities predicted half a kick ahead. The deck moves
-and responds to contact as contact/carrier.py describes. Rotor speeds follow their exact solution. The air's velocity is
-constant over the physics step.
+midpoint: the soles' forces (contact/leg_contact.py) are computed from velocities predicted half a kick ahead. The deck
+moves and responds to contact as contact/deck_motion.py describes. Rotor speeds follow their exact solution. The air's
+velocity is constant over the physics step.
 """
 
 # Kernels are another language inside Python syntax.
@@ -24,16 +24,16 @@ from taichi_sim.kernels.rotation import (
     rotation_matrix,
     velocity_of,
 )
-from taichi_sim.models.contact import carrier
-from taichi_sim.models.contact.touch import DOWN, FREE, SOLE_SIZE, UNDER, sole_force
+from taichi_sim.models.contact import deck_motion
+from taichi_sim.models.contact.leg_contact import DOWN, FREE, SOLE_SIZE, UNDER, sole_force
 from taichi_sim.models.uav.multirotor import ground, rotors
 from taichi_sim.models.uav.multirotor.airframe import inertia_times, inverse_inertia_times, loads
 from taichi_sim.models.uav.multirotor.rotors import arm
 
 BODY_SIZE = 24
 """What the deck's answer is at, numbers of a vector: displacement, rotation vector, velocity, rates of the deck beyond
-the carrier's way (n; m, rad, m/s, rad/s); impulse and angular impulse beyond the carrier's load (as carrier.IMPULSE);
-impulse and angular impulse of all about the carrier's origin, in its b (N s, N m s).
+the carrier's way (n; m, rad, m/s, rad/s); impulse and angular impulse beyond the carrier's load (as
+deck_motion.IMPULSE); impulse and angular impulse of all about the carrier's origin, in its b (N s, N m s).
 """
 STRUCK_BELOW = 2.0  # radii: a rotor up to this far below the deck's plane has struck it; one farther down is under it
 EDGE = 2.0  # width over which the ground effect fades at a deck's edge, in radii; assumed
@@ -48,13 +48,13 @@ def part(body, first: ti.template()):
 
 @ti.func
 def deck_now(way: ti.template(), e, i, t, T: ti.template(), body):
-    """The deck's carrier at t (s), with its response to contact: position from carrier.PLACE, R_nb, velocity and rates
-    (n).
+    """The deck's carrier at t (s), with its response to contact: position from deck_motion.PLACE, R_nb, velocity and
+    rates (n).
 
     Then the same position and attitude without the response.
     """
-    x, R, v, w = carrier.carried(way, e, i, t, T)
-    R_D = rotation_matrix(carrier.turned(part(body, 3))) @ R
+    x, R, v, w = deck_motion.carried(way, e, i, t, T)
+    R_D = rotation_matrix(deck_motion.turned(part(body, 3))) @ R
     return x + part(body, 0), R_D, v + part(body, 6), w + part(body, 9), x, R
 
 
@@ -84,8 +84,8 @@ def rotors_over(craft: ti.template(), p: ti.template(), way: ti.template(), e, i
     """
     x_D, R_D, _v, _w, _x, _R = deck_now(way, e, i, t, T, body)
     R = attitude_of(y)
-    x = position_of(y) - taken(way, e, i, carrier.PLACE, 3)
-    centre = taken(way, e, i, carrier.TABLE + carrier.CENTRE, 3)
+    x = position_of(y) - taken(way, e, i, deck_motion.PLACE, 3)
+    centre = taken(way, e, i, deck_motion.TABLE + deck_motion.CENTRE, 3)
     axis = R_D.transpose() @ ti.Vector([R[0, 2], R[1, 2], R[2, 2]])
     droop = ti.static(craft.rotor.radius) * ti.sqrt(ti.max(1.0 - axis[2] * axis[2], 0.0))
     height = ti.Vector([x[0] * 0.0 for _ in ti.static(range(len(craft.rotors)))])
@@ -93,7 +93,7 @@ def rotors_over(craft: ti.template(), p: ti.template(), way: ti.template(), e, i
     for k in ti.static(range(len(craft.rotors))):
         d = R_D.transpose() @ (x + R @ arm(craft, p, k) - x_D) - centre
         height[k] = -d[2]
-        half = ti.static(carrier.TABLE + carrier.HALF)
+        half = ti.static(deck_motion.TABLE + deck_motion.HALF)
         inside[k] = ti.min(way[e, i, half] - ti.abs(d[0]), way[e, i, half + 1] - ti.abs(d[1]))
         low = height[k] - droop
         if low < 0.0 and low > ti.static(-STRUCK_BELOW * craft.rotor.radius):
@@ -123,9 +123,9 @@ def touches_soon(craft: ti.template(), p: ti.template(), way: ti.template(), e, 
     """Whether a sole is below the deck's plane, or may be within a physics step dt (s) from t (s)."""
     x_D, R_D, v_D, w_D, _x, _R = deck_now(way, e, i, t, T, body)
     R = attitude_of(y)
-    x = position_of(y) - taken(way, e, i, carrier.PLACE, 3)
+    x = position_of(y) - taken(way, e, i, deck_motion.PLACE, 3)
     w = R @ rates_of(y)
-    top = way[e, i, carrier.TABLE + carrier.CENTRE + 2]
+    top = way[e, i, deck_motion.TABLE + deck_motion.CENTRE + 2]
     soon = 0
     for k in ti.static(range(len(craft.legs.points))):
         r = R @ sole_arm(craft, p, k)
@@ -143,11 +143,11 @@ def soles_on(craft: ti.template(), p: ti.template(), way: ti.template(), e, i, x
     of the opposite force about the carrier's origin (N m).
 
     Also returns the soles' memory after it, and the largest speed (m/s) along the normal of soles that come down.
-    Positions are from carrier.PLACE.
+    Positions are from deck_motion.PLACE.
     """
-    centre = taken(way, e, i, carrier.TABLE + carrier.CENTRE, 3)
-    friction = way[e, i, carrier.TABLE + carrier.FRICTION]
-    long, wide = way[e, i, carrier.TABLE + carrier.HALF], way[e, i, carrier.TABLE + carrier.HALF + 1]
+    centre = taken(way, e, i, deck_motion.TABLE + deck_motion.CENTRE, 3)
+    friction = way[e, i, deck_motion.TABLE + deck_motion.FRICTION]
+    long, wide = way[e, i, deck_motion.TABLE + deck_motion.HALF], way[e, i, deck_motion.TABLE + deck_motion.HALF + 1]
     force, moment, on_deck, new, blow = x * 0.0, x * 0.0, x * 0.0, soles, x[0] * 0.0
     for k in ti.static(range(len(craft.legs.points))):
         r = R @ sole_arm(craft, p, k)
@@ -184,14 +184,14 @@ def land(
     way: ti.template(), e, i, y, met, omega, command, tau, ratio, soles, body, begun, blow,
 ):  # fmt: skip
     """State y with its way in place of its position, rotor speeds omega [rotor] (rad/s), the soles' memory, `body` and
-    the blow (m/s, contact/touch.py) after a physics step.
+    the blow (m/s, contact/leg_contact.py) after a physics step.
 
     The step dt (s) begins `begun` s after the control step T (s), and consists of `steps` contact steps. Velocities in
     y are relative to the air, which moves with `met` (n, m/s); positions are over ground. command [rotor] (rad/s) and
     the load tau (6, b) are held; ratio [rotor] is that of the ground effect.
     """
     h = ti.static(dt / steps)
-    place = taken(way, e, i, carrier.PLACE, 3)
+    place = taken(way, e, i, deck_motion.PLACE, 3)
     start, moved, q = position_of(y) - place, met * 0.0, quaternion_of(y)
     x = start
     R = rotation_matrix(q)
@@ -200,8 +200,8 @@ def land(
     away, left, t = omega - command, omega, begun
     for k in ti.static(range(len(craft.rotors))):
         left[k] = ti.exp(-0.5 * h * ti.select(command[k] >= omega[k], p.per_tau_up, p.per_tau_down))
-    F_had = taken(way, e, i, carrier.HAD, 3)
-    M_had = taken(way, e, i, carrier.HAD + 3, 3)
+    F_had = taken(way, e, i, deck_motion.HAD, 3)
+    M_had = taken(way, e, i, deck_motion.HAD + 3, 3)
     for n in range(ti.static(2 * steps)):
         # half a drift, with the rates in its middle
         w_b = inverse_inertia_times(p, R.transpose() @ H)
@@ -232,14 +232,14 @@ def land(
                     craft, p, way, e, i, x, R, v + dv, w + dw, x_D, R_D, v_D + dv_D, w_D + dw_D, soles
                 )
                 if stage == 0:
-                    a, alpha = carrier.answer(way, e, i, R_D, -F - F_C, M_D - M_C)
+                    a, alpha = deck_motion.answer(way, e, i, R_D, -F - F_C, M_D - M_C)
                     dv, dv_D, dw_D = 0.5 * h * p.inverse_mass * (force + F), 0.5 * h * a, 0.5 * h * alpha
                     turn = R.transpose() @ (moment + M - cross(w, H))
                     dw = 0.5 * h * (R @ inverse_inertia_times(p, turn))
             soles, blow = new, ti.max(blow, hit)
             v += h * p.inverse_mass * (force + F)
             H += h * (moment + M)
-            a, alpha = carrier.answer(way, e, i, R_D, -F - F_C, M_D - M_C)
+            a, alpha = deck_motion.answer(way, e, i, R_D, -F - F_C, M_D - M_C)
             extra = M_D - cross(x_D, F) - cross(x_C, F_C) - M_C
             F_b, M_b = R_D.transpose() @ F, R_D.transpose() @ M_D
             for c in ti.static(range(3)):
@@ -279,11 +279,11 @@ def remember(touch: ti.template(), T: ti.template(), e, i, soles, body, met):
     if met != 0:
         touch.struck[e, i, 0] = 1.0
     for c in ti.static(range(6)):
-        touch.way[e, i, carrier.SHIFT + c] = body[c]
-        touch.way[e, i, carrier.IMPULSE + c] = body[12 + c]
+        touch.way[e, i, deck_motion.SHIFT + c] = body[c]
+        touch.way[e, i, deck_motion.IMPULSE + c] = body[12 + c]
     pressing = 0.0
     for c in ti.static(range(6)):
         mean = ti.static(1.0 / T) * body[18 + c]
-        touch.pressing[e, i, carrier.WRENCH + c] = mean
+        touch.pressing[e, i, deck_motion.WRENCH + c] = mean
         pressing += ti.abs(mean)
-    touch.pressing[e, i, carrier.PRESSED] = ti.select(pressing > 0.0, touch.way[e, i, carrier.WHICH], 0.0)
+    touch.pressing[e, i, deck_motion.PRESSED] = ti.select(pressing > 0.0, touch.way[e, i, deck_motion.WHICH], 0.0)

@@ -21,7 +21,7 @@ from torch import Tensor
 
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import TouchPack
-from taichi_sim.models.contact.carrier import PRESSED, PRESSING_SIZE, WAY_SIZE
+from taichi_sim.models.contact.deck_motion import PRESSED, PRESSING_SIZE, WAY_SIZE
 from taichi_sim.state.memory import Remembers
 
 SOLE_SIZE = 3
@@ -60,7 +60,7 @@ class Touch(Remembers):
         struck: [env, vehicle, 1], 1 where a rotor has hit a deck.
         blow: [env, vehicle, 1], greatest speed (m/s) of a sole normal to and relative to the deck at a touchdown in
             this step; 0 without a touchdown.
-        way: [env, vehicle, WAY_SIZE], motion of the nearby deck in this step (carrier.py).
+        way: [env, vehicle, WAY_SIZE], motion of the nearby deck in this step (deck_motion.py).
     """
 
     def __init__(self, num_envs: int, count: int, legs: int):
