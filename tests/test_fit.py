@@ -495,6 +495,7 @@ def test_the_command_makes_logs_fits_them_and_writes_a_file(capsys, tmp_path):
     assert "sha256" in out.read_text() and "95 %:" in out.read_text()
 
 
+@pytest.mark.slow
 def test_slow_late_and_jumping_positions_keep_the_intervals(logs, tmp_path, capsys):
     """Positions at 1 Hz in rows at 10 Hz, 0.2 s late, and one jump of 5 m: the numbers and the delay come back."""
 

@@ -170,6 +170,7 @@ def dive(taichi: None) -> Episode:
     return record_episode(config, {"uav": turn_and_dive}, seed=3)
 
 
+@pytest.mark.slow
 def test_the_drawn_airspeed_meets_the_drawn_body_at_the_plotted_angles(dive: Episode) -> None:
     """Attitude, velocity and air are three records; airspeed, alpha and beta are the model's own."""
     team = dive.teams["uav"]
@@ -183,6 +184,7 @@ def test_the_drawn_airspeed_meets_the_drawn_body_at_the_plotted_angles(dive: Epi
     assert team.signals["air angles"].unit == "rad"
 
 
+@pytest.mark.slow
 def test_a_recording_ends_when_the_last_aircraft_is_in_the_water(dive: Episode) -> None:
     crashed = [event for event in dive.events if event.kind == "crashed"]
     assert sorted(event.vehicle for event in crashed) == [0, 1, 2]

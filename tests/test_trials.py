@@ -66,6 +66,7 @@ def test_the_otter_turns_as_published():
     assert roll.mean("decay", "damped period") == pytest.approx(2 * math.pi / 6.251903273505994, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_helm_is_reversed_between_steps():
     """So overshoots do not depend on the step: reversed at its end, they would by some per cent."""
     fine, coarse = (ship.zigzag(Setting("cybership2", {}, ahead=0.5, dt=dt), 20.0, 20.0) for dt in (0.01, 0.1))

@@ -128,6 +128,7 @@ def test_a_touchdown_is_restored_copied_and_forked_to_the_bit():
     assert not again.teams["drones"].touch.soles.equal(world.teams["drones"].touch.soles)  # type: ignore[union-attr]
 
 
+@pytest.mark.slow
 def test_what_happens_on_one_deck_is_nothing_to_other_environments():
     """To the bit, whether a contact is going on elsewhere or not; nor is a deck to an aircraft far from it."""
     one, other = sea_state_5(2), sea_state_5(2)

@@ -72,6 +72,7 @@ def felt(model):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("time", [0.0, 10.0])
 def test_intensity_is_the_tables(time, felt, reference):
     """At 50 m in 30 kt, from the first step on: variances within 3 sampling errors, sqrt(2 / n). Means are zero at the
@@ -97,6 +98,7 @@ def test_correlation_over_a_second_is_the_tables(felt, reference):
     assert ((ours - rho).abs() < 3 * ((1 + rho**2) / FLIGHTS).sqrt()).all()
 
 
+@pytest.mark.slow
 def test_the_mean_wind_is_that_of_the_height(model):
     """The log profile of Charnock's sea: 30 m over 10 m; and W20 that of the mean wind where none is given."""
     flight = Flight(model, {"speed": 12.0, "turbulence": "dryden"}, FLIGHTS, height=30.0).step(LEVEL)
@@ -196,6 +198,7 @@ def test_nan_in_one_aircraft_leaves_its_neighbours_bits(model):
 # -- a discrete gust ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_load_factor_of_a_rising_gust(precision, make_model):
     """An upward 1 - cosine gust of 3 m/s, reached in 0.06 s, controls fixed: n grows by K (U(t) - v), K = rho V S
     C_L_alpha / (2 m g), where v is the wing's own rise, v' = K g (U - v), in closed form. Within 15 %: pitching and

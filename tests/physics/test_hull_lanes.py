@@ -10,6 +10,7 @@ from taichi_sim.surroundings.sea import Sea
 from taichi_sim.surroundings.sea.spectrum import Components
 
 
+@pytest.mark.slow
 def test_components_without_amplitude_change_nothing(constant_model, bench):
     """Load of the water, and motion, in 20 waves, and in the same with 12 that are nothing, which fill the vectors."""
     rng, model = np.random.default_rng(1), constant_model("otter", 0.02, 2)

@@ -248,6 +248,7 @@ def test_on_panels_it_turns_as_in_the_plane(make_model, bench):
     assert np.hypot(*found[0][0].T).min() > 14.0  # m
 
 
+@pytest.mark.slow
 def test_a_mirrored_ship_with_two_propellers_and_rudders_moves_mirrored(make_model, bench):
     """Also by its propellers alone; and a ship heels outwards in a turn."""
     side = {"C_2_positive": 1.3, "C_2_negative": 1.3, "count": 2, "y": 0.2, "diameter": 0.15}

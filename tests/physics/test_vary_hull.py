@@ -83,6 +83,7 @@ def test_each_number_does_something(otters):
     assert nothing == [DECK_FRICTION], "which counts for what stands on it: test_contact.py"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name != "otter")) for name in HULLS])
 def test_numbers_are_those_of_a_vehicle_file(name):
     """What kernels work with, of one vehicle for every number changed and of one for all, both ways there are."""

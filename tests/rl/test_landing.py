@@ -40,7 +40,8 @@ def shared() -> Landing:
     return landing()
 
 
-@pytest.mark.parametrize("kind", [pytest.param("glide", marks=pytest.mark.slow), "forecast"])
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["glide", "forecast"])
 def test_on_a_calm_sea_pilots_land_softly_in_the_middle(kind):
     config = load_scenario("landing", (*CALM, f"uav.pilot.kind={kind}"))
     result = judge_episodes(config, {"uav": ClassicalPolicy()}, episodes=4, seed=5, show_progress=False)

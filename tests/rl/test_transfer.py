@@ -64,6 +64,7 @@ def afloat():
     return one_episode_each(load_scenario("otter", SMALL), ("usv",), 2, 5, find_config("otter"))
 
 
+@pytest.mark.slow
 def test_a_simulator_that_gives_too_little_is_told():
     mission = afloat()
 

@@ -72,6 +72,7 @@ def test_surfaces_are_refused():
 # -- flights ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("actions", ["guidance", "altitude"])
 def test_aircraft_find_their_slots_in_calm_air_and_keep_them_in_bends(vehicle, actions):
     task = make(*CALM, *BENDS, vehicle(actions))

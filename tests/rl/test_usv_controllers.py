@@ -146,8 +146,9 @@ def test_shaft_speed_gives_the_thrust():
 # -- behaviour ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("overrides", [(), STRAIGHT], ids=["curved", "straight"])
-@pytest.mark.parametrize("vehicle", ["otter", pytest.param("left_right", marks=pytest.mark.slow), "otter_3dof"])
+@pytest.mark.parametrize("vehicle", ["otter", "left_right", "otter_3dof"])
 def test_tracks_in_calm_water(vehicle, overrides, left_right):
     """Within 15 cm of every slot after 60 s, 5 cm on a gentle track; the thrust is then that of the speed."""
     task = make(*CALM, *overrides, vehicle=left_right if vehicle == "left_right" else vehicle)
@@ -160,6 +161,7 @@ def test_tracks_in_calm_water(vehicle, overrides, left_right):
     assert load.X[:, 0].mean().item() == pytest.approx(77.554432 * SPEED, rel=0.05)
 
 
+@pytest.mark.slow
 def test_shaft_speeds_do_as_surge_and_yaw(left_right):
     """Under way, either kind of action asks for the same thrusts, by the meaning that Hull6Dof.step gives them."""
     task = make(*CALM)
@@ -175,6 +177,7 @@ def test_shaft_speeds_do_as_surge_and_yaw(left_right):
     assert half.abs().max() > 1
 
 
+@pytest.mark.slow
 def test_ship_that_slides_keeps_to_its_track():
     """CyberShip II, unstable in yaw at every speed, at 0.3 m/s: within two lengths or so of its slots."""
     small = ("track.target_speed=0.3", "usv.spacing=4", "usv.start_distance=2", "usv.count=1")
@@ -183,6 +186,7 @@ def test_ship_that_slides_keeps_to_its_track():
     assert distances[500:].max() < 1.5
 
 
+@pytest.mark.slow
 def test_learns_the_current():
     """A current across, along and in between: gone after a minute; without the integral it stays."""
     task, policy = make(*CALM, *STRAIGHT, "sea.current.speed=0.3"), ClassicalPolicy()
@@ -206,7 +210,7 @@ def test_forgets_the_drift_in_a_new_episode():
     assert (old[3] - new[3]).abs().max() > 1e-3
 
 
-@pytest.mark.parametrize("vehicle", ["otter", "otter_3dof"])
+@pytest.mark.parametrize("vehicle", ["otter", pytest.param("otter_3dof", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("speed", "heading"), [(0.0, 0.0), (SPEED, math.pi - 0.01), (-1.0, 0.5), (0.0, math.pi)])
 def test_recovers_from_odd_states(vehicle, speed, heading):
     """At rest, backwards, facing away: a single vessel is back in its slot within a minute."""
@@ -243,7 +247,7 @@ def test_drift_survives_what_is_not_finite():
     assert torch.equal(policy(team)[2], ClassicalPolicy()(team)[2])
 
 
-@pytest.mark.parametrize("vehicle", ["otter", "otter_3dof"])
+@pytest.mark.parametrize("vehicle", ["otter", pytest.param("otter_3dof", marks=pytest.mark.slow)])
 def test_avoids_an_obstacle_in_its_way(vehicle, monkeypatch):
     """A cylinder on the leader's track is passed and the slot found again; without avoidance it is hit."""
 
