@@ -1,6 +1,6 @@
 """An `Episode` as bags of ROS 2 (docs/ros.md): true motion in east-north-up (`map`) and forward-left-up (`base_link`).
 
-messages.py   motion in ROS's frames (../east_north_up.py); names, types and stamps of topics; the messages of each frame
+messages.py   motion in the frames of ROS (../east_north_up.py); names, types, stamps of topics; messages of each frame
 bag.py        the writers, and what they refuse
 """
 
