@@ -30,7 +30,7 @@ WIDE = {"water": 4.0, "air": 1.6}  # tracks may lie one above the other
 SEA_COLOUR = "#DCEAF2"
 OBSTACLE_COLOUR = "#8C6D5A"
 NOT_MEASURED = "#C9CED3"
-VIEWS = (("from behind", 20.0, 205.0, 1.25), ("from the side", 14.0, 110.0, 1.25), ("from above", 80.0, 180.0, 0.95))
+VIEWS = (("from behind", 20.0, 205.0, 1.0), ("from the side", 14.0, 110.0, 1.0), ("from above", 80.0, 180.0, 0.95))
 """Title; the eye's elevation (deg) and bearing (deg, clockwise from the target's course); zoom."""
 INSTANTS = (0.3, 0.6, 0.9)  # share of the episode
 SEA_POINTS = 70  # per side of the drawn wave surface
@@ -208,13 +208,13 @@ def _formation_panel(
     drawn = f", bodies x{grow:.1f}" if grow > 1.05 else ""
     axes.set_title(f"{team.name.upper()} team {title}, t = {time:.0f} s{drawn}", fontsize=10, color=INK)
     axes.tick_params(labelsize=7, pad=0)
-    axes.set_xlabel("east (m)", fontsize=8)
-    axes.set_ylabel("north (m)", fontsize=8)
+    axes.set_xlabel("east (m)", fontsize=8, labelpad=-2)
+    axes.set_ylabel("north (m)", fontsize=8, labelpad=-2)
     axes.locator_params(nbins=5)
     if elevation > 60.0:
         axes.set_zticks([])  # pyright: ignore[reportCallIssue]
     else:
-        axes.set_zlabel("up (m)", fontsize=8)
+        axes.set_zlabel("up (m)", fontsize=8, labelpad=-4)
 
 
 def cylinders(episode: Episode, step: int) -> NDArray[np.floating]:
