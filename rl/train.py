@@ -17,7 +17,7 @@ if __package__ in (None, ""):  # run as a script: the packages are beside this f
 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
-    from rl.commands import entry
+    from rl.commands import shared
 
     p = argparse.ArgumentParser(
         description=__doc__,
@@ -28,21 +28,21 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--config", default=None, metavar="FILE", help="scenario (default: configs/cruise.toml)")
     p.add_argument("--out", type=Path, default=None, help="run folder (default: runs/SCENARIO-DATE-TIME)")
-    p.add_argument("--seed", type=entry.seed, default=None, help="seed of the run (default: the scenario's)")
+    p.add_argument("--seed", type=shared.seed, default=None, help="seed of the run (default: the scenario's)")
     p.add_argument("--resume", action="store_true", help="continue the run in --out (default: the newest in runs/)")
     p.add_argument("--watch", action="store_true", help="show the training in a rerun viewer on this machine")
-    p.add_argument("--port", type=entry.positive_int, default=9876, help="port of --watch (default: %(default)s)")
+    p.add_argument("--port", type=shared.positive_int, default=9876, help="port of --watch (default: %(default)s)")
     p.add_argument("--logger", choices=("tensorboard", "wandb", "none"), default="tensorboard",
                    help="where curves go besides files (default: %(default)s; wandb: extra `wandb`)")  # fmt: skip
-    entry.add_common(p)
-    entry.add_processes(p, "stages' environments")
+    shared.add_common(p)
+    shared.add_processes(p, "stages' environments")
     return p
 
 
 def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
-    from rl.commands import entry
+    from rl.commands import shared
     from rl.runs import folder as run_folder
     from rl.runs import launch, processes
     from rl.runs.main_job import report, run_main_job
@@ -64,16 +64,16 @@ def main(argv: list[str] | None = None) -> None:
         launch.run(Path(__file__), [*(sys.argv[1:] if argv is None else argv), "--out", str(out)], number)
         return
     with processes.joined(args.arch) as place:
-        entry.agree(config, source)
+        shared.agree(config, source)
         processes.broadcast(lambda: None if args.resume else run_folder.begin(out, config, source))
         with contextlib.ExitStack() as held:
             if place.first:
                 held.enter_context(run_folder.lock(out))
             watch = held.enter_context(training_view(args.watch and place.first, args.port))
-            entry.start(args)
+            shared.start(args)
             if place.first:
                 print(f"run folder: {out}")
-                entry.tell_corrected(config)
+                shared.tell_corrected(config)
             summary = run_main_job(
                 config, out, source=source, show_progress=not args.quiet, watch=watch, logger=args.logger
             )
@@ -114,6 +114,6 @@ def run_of(args: argparse.Namespace) -> tuple["Scenario", Path, Path]:
 
 
 if __name__ == "__main__":
-    from rl.commands.entry import script
+    from rl.commands.shared import script
 
     script(main)

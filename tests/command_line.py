@@ -21,7 +21,7 @@ from pathlib import Path
 
 from filelock import FileLock
 
-from rl.commands import entry
+from rl.commands import shared
 from rl.learn.policy import checkpoints
 from rl.missions import load_scenario
 from rl.missions.formation.config import FormationScenario
@@ -132,7 +132,7 @@ def _child(
             sys.argv = [module, *arguments]
             runpy.run_path(module, run_name="__main__")
             sys.exit(0)
-        sys.exit(entry.run(importlib.import_module(module).main, list(arguments)))
+        sys.exit(shared.run(importlib.import_module(module).main, list(arguments)))
     finally:
         atexit._run_exitfuncs()  # processes of multiprocessing forget it; the next one finds the compiled kernels
 

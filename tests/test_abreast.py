@@ -5,7 +5,7 @@
 import taichi as ti
 import torch
 
-from taichi_sim.kernels import abreast, fast, lanes, random, runtime
+from taichi_sim.kernels import abreast, fast_maths, lanes, random, runtime
 from taichi_sim.kernels.abreast import group, put, some, taken, taken1
 
 ENVS, COUNT = 7, 3  # 21 vehicles: the second group of 16 is not full
@@ -34,7 +34,7 @@ def _step(x: _array3, keys: ti.types.ndarray(dtype=ti.i32, ndim=1), out: _array3
         put(out, e, i, 0, [z[0], z[1], z[2], z[3], z[4], z[5]])
         u = taken(x, e, i, 0, 1)[0]
         s = functions(z, u)
-        put(out, e, i, 6, [s[0], s[1], s[2], s[3] + s[4], s[5], fast.exp(20.0 * u) + random.log(1.5 + ti.abs(u))])
+        put(out, e, i, 6, [s[0], s[1], s[2], s[3] + s[4], s[5], fast_maths.exp(20.0 * u) + random.log(1.5 + ti.abs(u))])
 
 
 def test_groups_and_single_vehicles_agree():

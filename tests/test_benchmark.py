@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rl.commands import entry
+from rl.commands import shared
 from taichi_sim.models.catalogue import MODELS
 from tools.benchmarking.mission import Stopwatch, scenario_cases
 from tools.benchmarking.physics import measured_vehicles, shipped_vehicles
@@ -155,5 +155,5 @@ def test_two_checkouts_are_compared_case_by_case(tmp_path):
 def test_a_folder_without_a_benchmark_cannot_be_compared(tmp_path, capsys):
     from tools import benchmark
 
-    assert entry.run(benchmark.main, ["--against", str(tmp_path)]) == 1
+    assert shared.run(benchmark.main, ["--against", str(tmp_path)]) == 1
     assert capsys.readouterr().err.startswith(f"error: {tmp_path / 'tools' / 'benchmark.py'}: no such file")

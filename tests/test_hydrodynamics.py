@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_sim.applications.hydro import floating_hull as hulls
+from taichi_sim.applications.hydro import hull_input as hulls
 from taichi_sim.applications.hydro.make_database import ABOVE, BELOW, Spectrum, Wishes, run, spikes
 from taichi_sim.applications.hydro.offsets import compared, offsets
-from taichi_sim.applications.hydro.panels import wetted
+from taichi_sim.applications.hydro.panelling import wetted
 from taichi_sim.applications.hydro.wetted_surface import TURN, WettedSurface, mirrored, reverse, turned_matrix
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder
+from taichi_sim.models.usv.hull.calm_water import Hydrostatics
 from taichi_sim.models.usv.hull.database import HydroDatabase, database_file, hull_hash
-from taichi_sim.models.usv.hull.hydrostatics import Hydrostatics
 from taichi_sim.models.usv.hull.mesh import BoxHull, Panels, StationsHull, mesh
 from tools import hydrodynamics
 

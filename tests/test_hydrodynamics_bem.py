@@ -93,8 +93,8 @@ def test_a_range_that_misses_a_resonance_is_refused(capsys, tmp_path):
 
 def test_a_mesh_becomes_a_vehicle(tmp_path, capsys):
     """A box as a GDF, to a vehicle file and a database of its panels, with which it floats and answers a wave."""
-    from taichi_sim.applications.hydro.floating_hull import of_vehicle
-    from taichi_sim.applications.hydro.panels import wetted
+    from taichi_sim.applications.hydro.hull_input import of_vehicle
+    from taichi_sim.applications.hydro.panelling import wetted
     from taichi_sim.models.usv.hull.database import hull_hash
     from taichi_sim.models.usv.hull.mesh import BoxHull, mesh
 

@@ -5,7 +5,7 @@ import pytest
 import taichi as ti
 import torch
 
-from taichi_sim.kernels import fast, rotation, runtime
+from taichi_sim.kernels import fast_maths, rotation, runtime
 
 pytestmark = pytest.mark.usefixtures("precision")
 ROUNDING = {"f64": 1e-14, "f32": 5e-7}
@@ -14,15 +14,19 @@ ROUNDING = {"f64": 1e-14, "f32": 5e-7}
 @ti.kernel
 def _sincos(x: ti.types.ndarray(ndim=1), out: ti.types.ndarray(ndim=2)):
     for i in x:
-        out[i, 0], out[i, 1] = fast.sin(x[i]), fast.cos(x[i])
-        out[i, 2], out[i, 3] = fast.sincos(x[i])
-        out[i, 4], out[i, 5] = fast.sin_turns(x[i]), fast.cos_turns(x[i])
+        out[i, 0], out[i, 1] = fast_maths.sin(x[i]), fast_maths.cos(x[i])
+        out[i, 2], out[i, 3] = fast_maths.sincos(x[i])
+        out[i, 4], out[i, 5] = fast_maths.sin_turns(x[i]), fast_maths.cos_turns(x[i])
 
 
 @ti.kernel
 def _decays(x: ti.types.ndarray(ndim=1), out: ti.types.ndarray(ndim=2)):
     for i in x:
-        out[i, 0], out[i, 1], out[i, 2] = fast.exp_decay(x[i]), fast.exp_near_one(x[i]), fast.at_most(x[i], 1.0)
+        out[i, 0], out[i, 1], out[i, 2] = (
+            fast_maths.exp_decay(x[i]),
+            fast_maths.exp_near_one(x[i]),
+            fast_maths.at_most(x[i], 1.0),
+        )
 
 
 @ti.kernel

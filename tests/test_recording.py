@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from recorded import assert_nothing_is_empty
 from rerun.chunk import RrdReader
 
-from rl.evaluation.figures import judged, levels_of
+from rl.evaluation.training_figures import judged, levels_of
 from rl.learn.progress import read_history, team_history
 from rl.missions.formation import figures
 from rl.missions.formation.figures import write_figures

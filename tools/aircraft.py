@@ -28,7 +28,7 @@ from taichi_sim.applications.trials import rotorcraft
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder, read_toml, validate
 from taichi_sim.kernels import runtime
-from taichi_sim.models.uav.fixed_wing.equations import FlightEnvelope, flight_envelope
+from taichi_sim.models.uav.fixed_wing.airframe_arrays import FlightEnvelope, flight_envelope
 from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.models.uav.fixed_wing.trim import TrimError, largest_stable_dt, linear_modes, trim
 from taichi_sim.models.uav.multirotor.params import MultirotorParams

@@ -22,7 +22,7 @@ from typing import Any
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from rl.commands import entry
+from rl.commands import shared
 from rl.missions import load_scenario
 from rl.missions.formation.config import FormationScenario
 from rl.runs import folder as run_folder
@@ -58,9 +58,9 @@ def parser() -> argparse.ArgumentParser:
     """The arguments."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--json", type=output, metavar="FILE", help="also write the figures to FILE")
-    p.add_argument("--threads", type=entry.positive_int, default=0, help="CPU threads (default: all cores)")
+    p.add_argument("--threads", type=shared.positive_int, default=0, help="CPU threads (default: all cores)")
     p.add_argument(
-        "--seconds", type=entry.positive_float, default=None, help="length of one repetition, s (default: 0.5)"
+        "--seconds", type=shared.positive_float, default=None, help="length of one repetition, s (default: 0.5)"
     )
     p.add_argument(
         "--quick",
@@ -74,7 +74,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--only", nargs="+", choices=GROUPS, default=GROUPS, help="groups to compare (default: all)")
     p.add_argument(
         "--repetitions",
-        type=entry.positive_int,
+        type=shared.positive_int,
         default=REPETITIONS,
         help="repetitions of --against (default: %(default)s)",
     )
@@ -221,11 +221,11 @@ def against(args: argparse.Namespace, seconds: float) -> list[dict[str, Any]]:
 def alone(args: argparse.Namespace, seconds: float) -> dict[str, Any]:
     """Measure this checkout and print the figures."""
     config = load_scenario("paper", QUICK if args.quick else ())
-    entry.start(args)
+    shared.start(args)
     result = benchmark(config, quick=args.quick, seconds=seconds, show_progress=not args.quiet)
     print(table(result))
     return result
 
 
 if __name__ == "__main__":
-    sys.exit(entry.run(main))
+    sys.exit(shared.run(main))

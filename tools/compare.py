@@ -19,26 +19,26 @@ SHARES = ("collision_free_episodes", "success_rate")  # printed in %
 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
-    from rl.commands import entry
+    from rl.commands import shared
 
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="run folders of rl/train.py")
     p.add_argument(
-        "--seed", type=entry.seed, default=None, help="seed of the held-out episodes (default: the scenario's)"
+        "--seed", type=shared.seed, default=None, help="seed of the held-out episodes (default: the scenario's)"
     )
     p.add_argument(
-        "--episodes", type=entry.positive_int, default=None, help="episodes of each run (default: the scenario's)"
+        "--episodes", type=shared.positive_int, default=None, help="episodes of each run (default: the scenario's)"
     )
-    entry.add_common(p)
+    shared.add_common(p)
     return p
 
 
 def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_intermixed_args(argv)
-    from rl.commands import entry
+    from rl.commands import shared
 
-    entry.start(args)
+    shared.start(args)
     found: dict[tuple[str, str], list[tuple[str, Any, Any]]] = {}
     classical: dict[str, Any] = {}
     kinds: dict[str, Any] = {}
@@ -157,6 +157,6 @@ def cell(key: str, judge: Any, learned: Any, opponent: Any, times: int) -> str:
 
 
 if __name__ == "__main__":
-    from rl.commands.entry import run
+    from rl.commands.shared import run
 
     sys.exit(run(main))

@@ -72,31 +72,31 @@ FIGURES = (  # part, figure, heading, factor, digits
 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
-    from rl.commands import entry
+    from rl.commands import shared
 
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="run folders of rl/train.py --config escort")
     p.add_argument("--alone", nargs="*", type=Path, default=[], metavar="RUN", help="runs trained without messages")
     p.add_argument(
-        "--seed", type=entry.seed, default=None, help="seed of the held-out episodes (default: the scenario's)"
+        "--seed", type=shared.seed, default=None, help="seed of the held-out episodes (default: the scenario's)"
     )
     p.add_argument(
         "--episodes",
-        type=entry.positive_int,
+        type=shared.positive_int,
         default=None,
         help="episodes of each condition (default: the scenario's)",
     )
     p.add_argument("--only", default="", metavar="WORDS", help="only conditions whose name contains these words")
-    entry.add_common(p)
+    shared.add_common(p)
     return p
 
 
 def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_intermixed_args(argv)
-    from rl.commands import entry
+    from rl.commands import shared
 
-    entry.start(args)
+    shared.start(args)
     found: dict[Condition, list[Any]] = {}
     judge: Any = None
     for case in CASES:
@@ -184,6 +184,6 @@ def ratio(together: dict[str, Any], other: list[Any], times: int, judge: Any) ->
 
 
 if __name__ == "__main__":
-    from rl.commands.entry import run
+    from rl.commands.shared import run
 
     sys.exit(run(main))

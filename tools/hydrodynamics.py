@@ -23,10 +23,10 @@ from pathlib import Path
 
 import numpy as np
 
-from rl.commands.entry import positive_float
-from taichi_sim.applications.hydro import floating_hull, make_database
-from taichi_sim.applications.hydro.floating_hull import vehicle_text
+from rl.commands.shared import positive_float
+from taichi_sim.applications.hydro import hull_input, make_database
 from taichi_sim.applications.hydro.frequency_sweep import require_capytaine
+from taichi_sim.applications.hydro.hull_input import vehicle_text
 from taichi_sim.applications.hydro.memory_fit import ENERGY, FitError
 from taichi_sim.applications.hydro.mesh_file import UNITS
 from taichi_sim.config import ConfigError
@@ -110,20 +110,20 @@ def _run(args: argparse.Namespace, command: str) -> None:
         _refit(args)
         return
     code = require_capytaine()
-    if floating_hull.is_vehicle(args.hull):
-        file = floating_hull.vehicle_path(args.hull)
-        craft, length = floating_hull.of_vehicle(file)
+    if hull_input.is_vehicle(args.hull):
+        file = hull_input.vehicle_path(args.hull)
+        craft, length = hull_input.of_vehicle(file)
         surface = None
         if args.mesh:
-            surface = floating_hull.read_mesh(args.mesh, args.unit, args.waterline, args.midships or 0.0, length)
+            surface = hull_input.read_mesh(args.mesh, args.unit, args.waterline, args.midships or 0.0, length)
     else:
         file = Path(args.hull).with_suffix(".toml")
         if file.exists():
             raise ConfigError(f"{file}: exists; compute its database with {file.name} --mesh {args.hull}, or rename it")
-        surface = floating_hull.read_mesh(Path(args.hull), args.unit, args.waterline, args.midships, None)
+        surface = hull_input.read_mesh(Path(args.hull), args.unit, args.waterline, args.midships, None)
         freeboard = args.freeboard or float(-surface.whole[..., 2].min())
         table = args.stations, args.points, freeboard
-        craft = floating_hull.of_mesh(surface, file.stem, args.mass, args.cg and tuple(args.cg), args.gyration, table)
+        craft = hull_input.of_mesh(surface, file.stem, args.mass, args.cg and tuple(args.cg), args.gyration, table)
     wishes = make_database.Wishes(
         args.rho, GRAVITY, args.depth, args.panels, args.divisions, args.gap_damping, not args.no_lid, args.method,
         make_database.Spectrum(args.frequencies, args.range and tuple(args.range), tuple(args.also), args.heading_step),
@@ -141,12 +141,12 @@ def _run(args: argparse.Namespace, command: str) -> None:
 
 def _refit(args: argparse.Namespace) -> None:
     """Fit the memory of an existing database again, after an interruption or with another tolerance."""
-    if not floating_hull.is_vehicle(args.hull):
+    if not hull_input.is_vehicle(args.hull):
         raise ConfigError(f"{args.hull}: --refit is of a vehicle file and its database")
-    file = floating_hull.vehicle_path(args.hull)
+    file = hull_input.vehicle_path(args.hull)
     out = args.out or database_file(file)
     found = HydroDatabase.read(out)
-    if found.hull != hull_hash(floating_hull.of_vehicle(file)[0].panels):
+    if found.hull != hull_hash(hull_input.of_vehicle(file)[0].panels):
         raise ConfigError(f"{out}: of another hull than {file.name}'s: compute it without --refit")
     _complete(found, file, out, args)
 

@@ -12,23 +12,23 @@ from pathlib import Path
 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
-    from rl.commands import entry
+    from rl.commands import shared
     from rl.evaluation.headroom import EPISODES, SEED
 
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("scenario", help="name or file")
     p.add_argument("--team", action="append", help="only this team (may be given again); default: all that are trained")
-    p.add_argument("--episodes", type=entry.positive_int, default=EPISODES, help=f"default: {EPISODES}")
-    p.add_argument("--seed", type=entry.seed, default=SEED, help=f"seed of the held-out episodes (default: {SEED})")
+    p.add_argument("--episodes", type=shared.positive_int, default=EPISODES, help=f"default: {EPISODES}")
+    p.add_argument("--seed", type=shared.seed, default=SEED, help=f"seed of the held-out episodes (default: {SEED})")
     p.add_argument("--out", type=Path, default=None, help="default: configs/oracle/NAME.json")
-    entry.add_common(p)
+    shared.add_common(p)
     return p
 
 
 def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
-    from rl.commands import entry
+    from rl.commands import shared
     from rl.evaluation.episodes import mission_class
     from rl.evaluation.headroom import bound_file, headroom_line, read_bounds, run_bound, write_bounds
     from rl.missions import load_scenario
@@ -40,7 +40,7 @@ def main(argv: list[str] | None = None) -> None:
     teams = args.team or list(config.trained)
     if wrong := [team for team in teams if team not in config.trained]:
         raise ConfigError(f"--team {wrong[0]}: allowed are {', '.join(config.trained)}")
-    entry.start(args)
+    shared.start(args)
     file = args.out or bound_file(config)
     refuse_unwritable(file)
     bounds = read_bounds(config, file)
@@ -55,6 +55,6 @@ def main(argv: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    from rl.commands.entry import run
+    from rl.commands.shared import run
 
     sys.exit(run(main))

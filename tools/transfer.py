@@ -69,7 +69,7 @@ def in_place(mission: Mission, team: str, kind: type[Simulator], path: Path | No
 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
-    from rl.commands import entry
+    from rl.commands import shared
 
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("run", type=Path, metavar="RUN", help="run folder of rl/train.py, or a scenario (classical alone)")
@@ -81,16 +81,16 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--controller", choices=("policy", "classical"), action="append", default=None,
                    help="may be given twice (default: both; of a scenario: classical)")  # fmt: skip
-    p.add_argument("--episodes", type=entry.positive_int, default=EPISODES, help=f"default: {EPISODES}; at most 256")
-    p.add_argument("--seed", type=entry.seed, default=None, help="of the unseen worlds (default: the scenario's)")
-    entry.add_common(p)
+    p.add_argument("--episodes", type=shared.positive_int, default=EPISODES, help=f"default: {EPISODES}; at most 256")
+    p.add_argument("--seed", type=shared.seed, default=None, help="of the unseen worlds (default: the scenario's)")
+    shared.add_common(p)
     return p
 
 
 def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
-    from rl.commands import entry
+    from rl.commands import shared
     from rl.evaluation.episodes import CHUNK, check_measurable, mission_class
     from rl.learn.policy import policies_of
     from rl.runs.folder import load_config
@@ -113,7 +113,7 @@ def main(argv: list[str] | None = None) -> None:
         if ":" not in args.simulator:
             raise ConfigError(f"--simulator {args.simulator}: {', '.join(SIMULATORS)}, or module:Class")
         kind = load_class(args.simulator, Simulator, [Path.cwd()])
-    entry.start(args)
+    shared.start(args)
     seed, rows = config.evaluation.seed if args.seed is None else args.seed, {}
     for controller in controllers:
         policy = policies_of(controller, args.run, config)[team]
@@ -149,6 +149,6 @@ def table(judge: Any, rows: Mapping[str, list[dict[str, Array]]], episodes: int)
 
 
 if __name__ == "__main__":
-    from rl.commands.entry import run
+    from rl.commands.shared import run
 
     sys.exit(run(main))

@@ -30,7 +30,7 @@ from rl.missions import load_scenario, make_mission
 from rl.runs.folder import CONFIG, RunError, load_config
 from rl.scenario import Scenario
 from taichi_sim.config.arguments import ActionError, Envs, checked_action, environments, numbers, whole_number
-from taichi_sim.config.explain import nearly
+from taichi_sim.config.explain_errors import nearly
 from taichi_sim.config.io import find_config
 from taichi_sim.kernels import runtime
 

@@ -11,7 +11,7 @@ if __package__ in (None, ""):  # run as a script: the packages are beside this f
 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
-    from rl.commands import entry
+    from rl.commands import shared
     from rl.missions import find_mission, shipped
     from taichi_sim.config.io import output
 
@@ -25,9 +25,9 @@ def parser() -> argparse.ArgumentParser:
             for name in shipped()
         ),
     )
-    entry.add_run(p)
+    shared.add_run(p)
     p.add_argument(
-        "--episodes", type=entry.positive_int, default=None, help="number of episodes (default: the scenario's)"
+        "--episodes", type=shared.positive_int, default=None, help="number of episodes (default: the scenario's)"
     )
     p.add_argument("--json", type=output, default=None, metavar="FILE", help="also write the figures to FILE")
     p.add_argument(
@@ -37,7 +37,7 @@ def parser() -> argparse.ArgumentParser:
         help="evaluate the policy and --controller (default: classical) on the same episodes under each condition of a "
         "sweep: FILE, or a name in configs/sweeps, such as default; an interrupted sweep continues",
     )
-    entry.add_processes(p, "episodes (by 256), or the conditions of a sweep,")
+    shared.add_processes(p, "episodes (by 256), or the conditions of a sweep,")
     return p
 
 
@@ -73,19 +73,19 @@ def units(args: argparse.Namespace) -> int:
 
 def evaluate(args: argparse.Namespace) -> None:
     """Evaluate; rank 0 prints the figures, writes them to --json, and stores them in the run's folder."""
-    from rl.commands import entry
+    from rl.commands import shared
     from rl.evaluation.episodes import EvaluationOutcome, Trial, judge_trials
     from rl.evaluation.store import save_evaluation
     from rl.runs import folder as run_folder
     from rl.runs.main_job import report
 
-    config, source, policies, seed = entry.open_run(args)
-    entry.agree(config, source)
+    config, source, policies, seed = shared.open_run(args)
+    shared.agree(config, source)
     trial = Trial(config, policies, args.episodes or config.evaluation.episodes, seed, args.controller, source)
     for outcome in judge_trials([trial], show_progress=not args.quiet, excerpts=True):
         assert isinstance(outcome, EvaluationOutcome)  # judge_trials raises all errors
         if args.controller == "policy":
-            entry.tell_corrected(config)
+            shared.tell_corrected(config)
         print(report(outcome.result, config, source), file=sys.stderr)
         for team, policy in policies.items():
             if (price := getattr(policy, "price", None)) is not None:
@@ -101,20 +101,20 @@ def evaluate(args: argparse.Namespace) -> None:
 
 def sweep(args: argparse.Namespace) -> None:
     """Run --sweep and rewrite the run's report."""
-    from rl.commands import entry
+    from rl.commands import shared
     from rl.evaluation.report import write_report
     from rl.evaluation.sweeps import find_sweep, load_sweep, run_sweep
     from rl.runs import processes
 
     file = find_sweep(args.sweep)
-    wanted, contest = load_sweep(file, episodes=args.episodes, seed=args.seed), entry.open_both(args)
-    entry.agree(contest.config, contest.source)
+    wanted, contest = load_sweep(file, episodes=args.episodes, seed=args.seed), shared.open_both(args)
+    shared.agree(contest.config, contest.source)
     out = run_sweep(wanted, file, contest, show_progress=not args.quiet)
     if processes.here().first:
         print(f"sweep:  {out}\nreport: {write_report([args.run])}")
 
 
 if __name__ == "__main__":
-    from rl.commands.entry import script
+    from rl.commands.shared import script
 
     script(main)

@@ -17,11 +17,11 @@ def title(controller: str) -> str:
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command's arguments."""
-    from rl.commands import entry
+    from rl.commands import shared
 
     p = argparse.ArgumentParser(description=__doc__)
-    entry.add_run(p)
-    entry.add_shown(p)
+    shared.add_run(p)
+    shared.add_shown(p)
     p.add_argument(
         "--out",
         default=None,
@@ -39,19 +39,19 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument(
         "--beside",
-        choices=entry.CONTROLLERS,
+        choices=shared.CONTROLLERS,
         default=None,
         help="show the same episode with this controller on the left",
     )
-    entry.add_film(p)
+    shared.add_film(p)
     p.add_argument("--live", action="store_true", help="show the episode in a rerun viewer while it is simulated")
     p.add_argument(
-        "--speed", type=entry.positive_float, default=1.0, help="speed of --live relative to real time (default: 1)"
+        "--speed", type=shared.positive_float, default=1.0, help="speed of --live relative to real time (default: 1)"
     )
-    p.add_argument("--port", type=entry.positive_int, default=9876, help="port of --live (default: %(default)s)")
+    p.add_argument("--port", type=shared.positive_int, default=9876, help="port of --live (default: %(default)s)")
     p.add_argument(
         "--duration",
-        type=entry.positive_float,
+        type=shared.positive_float,
         default=None,
         metavar="S",
         help="duration, s (default: the scenario's episode)",
@@ -62,7 +62,7 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
-    from rl.commands import entry
+    from rl.commands import shared
     from rl.evaluation.record import output_of, record_episode
     from rl.evaluation.store import recording_name
     from rl.runs.folder import RunError
@@ -78,8 +78,8 @@ def main(argv: list[str] | None = None) -> None:
         raise RunError(f"--beside {args.beside}: that is what --controller shows already; give another controller")
     if args.live:
         refuse_used(args.port)
-    number = entry.recall(args)
-    config, source, policies, seed = entry.open_run(args)
+    number = shared.recall(args)
+    config, source, policies, seed = shared.open_run(args)
     if args.out is not None or not args.film:
         refuse_unwritable(output.place or args.run)
     how = {"size": args.film_size, "fps": args.film_fps, "speed": args.film_speed, "view": args.film_view}
@@ -95,7 +95,7 @@ def main(argv: list[str] | None = None) -> None:
         print(f"{event.time_s:7.1f} s  {event.text}")
     shown: Episode | dict[str, Episode] = episode
     if args.beside is not None:
-        other = record(entry.trained_teams(args.beside, args.run, config))
+        other = record(shared.trained_teams(args.beside, args.run, config))
         shown = {title(args.beside): other, title(args.controller): episode}
     if args.film:
         print(f"film: {write_film(shown, args.film, **how, show_progress=not args.quiet)}")
@@ -107,6 +107,6 @@ def main(argv: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    from rl.commands.entry import script
+    from rl.commands.shared import script
 
     script(main)

@@ -28,6 +28,6 @@ def main(argv: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    from rl.commands.entry import script
+    from rl.commands.shared import script
 
     script(main)

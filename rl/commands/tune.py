@@ -13,18 +13,20 @@ if __package__ in (None, ""):  # run as a script: the packages are beside this f
 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
-    from rl.commands import entry
+    from rl.commands import shared
 
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("config", metavar="SCENARIO", help="a file, or the name of a shipped scenario")
     p.add_argument("--team", required=True, help="team whose controller is tuned")
     p.add_argument("--only", default="", metavar="NAME,...", help="numbers to search for (default: all)")
-    p.add_argument("--rounds", type=entry.positive_int, default=12, help="rounds of the search (default: 12)")
-    p.add_argument("--candidates", type=entry.positive_int, default=12, help="candidates in each round (default: 12)")
-    p.add_argument("--episodes", type=entry.positive_int, default=128, help="episodes of each candidate (default: 128)")
-    p.add_argument("--seed", type=entry.seed, default=0, help="seed of worlds, episodes and candidates (default: 0)")
+    p.add_argument("--rounds", type=shared.positive_int, default=12, help="rounds of the search (default: 12)")
+    p.add_argument("--candidates", type=shared.positive_int, default=12, help="candidates in each round (default: 12)")
+    p.add_argument(
+        "--episodes", type=shared.positive_int, default=128, help="episodes of each candidate (default: 128)"
+    )
+    p.add_argument("--seed", type=shared.seed, default=0, help="seed of worlds, episodes and candidates (default: 0)")
     p.add_argument("--write", action="store_true", help="write the numbers into the scenario's file")
-    entry.add_common(p)
+    shared.add_common(p)
     return p
 
 
@@ -33,7 +35,7 @@ def main(argv: list[str] | None = None) -> None:
     args = parser().parse_args(argv)
     import tomli_w
 
-    from rl.commands import entry
+    from rl.commands import shared
     from rl.evaluation.episodes import mission_class
     from rl.missions import load_scenario
     from rl.runs.tune import summary, tune, write_numbers
@@ -46,7 +48,7 @@ def main(argv: list[str] | None = None) -> None:
         raise ConfigError(f"--team {args.team}: there is no such team; allowed are {', '.join(config.teams)}")
     if args.write:
         refuse_unwritable(source)
-    entry.start(args)
+    shared.start(args)
     tuned = tune(
         config,
         args.team,
@@ -66,6 +68,6 @@ def main(argv: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    from rl.commands.entry import script
+    from rl.commands.shared import script
 
     script(main)

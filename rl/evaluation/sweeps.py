@@ -37,7 +37,7 @@ from rl.team import ControllerError
 from taichi_sim.config import ConfigError, Positive, Strict
 from taichi_sim.config.arguments import ActionError
 from taichi_sim.config.base import Table
-from taichi_sim.config.explain import keys_at, meant, nearly
+from taichi_sim.config.explain_errors import keys_at, meant, nearly
 from taichi_sim.config.files import named_files
 from taichi_sim.config.io import config_folder, read_toml, replacing, toml_text, validate, vehicle_file
 from taichi_sim.surroundings.sea import SteepSeaError

@@ -41,9 +41,9 @@ import taichi as ti
 import torch
 from torch import Tensor
 
-from rl.guidance.geometry import COURSE_RATE, SLOT_VELOCITY, row_of
-from rl.guidance.geometry import V as VELOCITY
 from rl.guidance.knowledge import Knowledge, KnownPack, TeamKernel
+from rl.guidance.targets_and_errors import COURSE_RATE, SLOT_VELOCITY, row_of
+from rl.guidance.targets_and_errors import V as VELOCITY
 from rl.perception.sensors import Mate, Obstacle
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.kernels.abreast import taken

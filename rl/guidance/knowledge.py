@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 import taichi as ti
 from torch import Tensor
 
-from rl.guidance.geometry import SlotErrors, Target
+from rl.guidance.targets_and_errors import SlotErrors, Target
 from rl.perception.instruments import Readings
 from rl.perception.radio import Radio
 from rl.perception.sensors import Nearby
@@ -35,17 +35,17 @@ class Knowledge(Protocol):
 
     @property
     def now(self) -> SlotErrors:
-        """Errors of the vehicles from their slots, as of the last step (geometry.py)."""
+        """Errors of the vehicles from their slots, as of the last step (targets_and_errors.py)."""
         ...
 
     @property
     def target(self) -> Target:
-        """The target that the team tracks (geometry.py)."""
+        """The target that the team tracks (targets_and_errors.py)."""
         ...
 
     @property
     def slot_table(self) -> Tensor:
-        """[env, vehicle, 6] offsets of the slots, their rates and goals (geometry.py)."""
+        """[env, vehicle, 6] offsets of the slots, their rates and goals (targets_and_errors.py)."""
         ...
 
     @property

@@ -7,8 +7,8 @@ the error and its rate as vectors, own velocity, attitude and rates, the target'
 path frame) instead of the name of a formation. Aircraft with air data also observe airspeed and wind; vehicles with a
 radio observe the age of their leader's last message. Every term is as the vehicle knows it (knowledge.py). A residual
 policy also observes what it corrects, "reference"; a policy that acts alone has no controller that remembers, and
-observes "drift", its mean error (geometry.py). Directions are in the body frame (of USVs: its horizontal part), so a
-policy needs no compass. No width depends on the size of the team.
+observes "drift", its mean error (targets_and_errors.py). Directions are in the body frame (of USVs: its horizontal
+part), so a policy needs no compass. No width depends on the size of the team.
 
 "encounters" predicts how the vehicle will pass each obstacle and team mate if it keeps its motion, and how its slot
 will pass each obstacle if the formation keeps its own. An encounter is the distance ahead, the distance aside (to
@@ -27,7 +27,8 @@ from typing import Literal, NamedTuple
 import taichi as ti
 from torch import Tensor
 
-from rl.guidance.geometry import (
+from rl.guidance.knowledge import Knowledge
+from rl.guidance.targets_and_errors import (
     COS,
     COURSE_B,
     COURSE_RATE,
@@ -44,8 +45,7 @@ from rl.guidance.geometry import (
     own_frame,
     row_of,
 )
-from rl.guidance.geometry import V as VELOCITY
-from rl.guidance.knowledge import Knowledge
+from rl.guidance.targets_and_errors import V as VELOCITY
 from rl.perception.radio import Message
 from rl.perception.sensors import Mate, Obstacle
 from taichi_sim.kernels import runtime

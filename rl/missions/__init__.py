@@ -8,7 +8,7 @@ from pathlib import Path
 from rl.mission import Mission
 from rl.scenario import Scenario, at_stage
 from taichi_sim.config import ConfigError
-from taichi_sim.config.explain import source_of
+from taichi_sim.config.explain_errors import source_of
 from taichi_sim.config.files import resolve_files
 from taichi_sim.config.io import apply_overrides, find_config, key_of, read_toml, validate, vehicle_file
 from taichi_sim.config.plugins import is_plugin, load_class

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from taichi_sim.config.base import ConfigError, Table
-from taichi_sim.config.explain import source_of
+from taichi_sim.config.explain_errors import source_of
 from taichi_sim.config.sea import is_measured, path_like
 from taichi_sim.config.world import WorldConfig
 

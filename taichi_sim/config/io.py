@@ -14,7 +14,7 @@ import tomli_w
 from pydantic import BaseModel, ValidationError
 
 from taichi_sim.config.base import ConfigError, Strict, Table
-from taichi_sim.config.explain import explain, nearly, source_of
+from taichi_sim.config.explain_errors import explain, nearly, source_of
 from taichi_sim.config.files import resolve_files
 from taichi_sim.config.sea import is_measured
 from taichi_sim.config.vary import FIXED_BY, flattened, with_range

@@ -24,7 +24,7 @@ import taichi as ti
 import torch
 from torch import Tensor
 
-from taichi_sim.kernels import fast, runtime
+from taichi_sim.kernels import fast_maths, runtime
 from taichi_sim.kernels.abreast import bit_cast, cast
 from taichi_sim.kernels.lanes import is_laned
 from taichi_sim.kernels.runtime import array1, array2, whole1
@@ -61,7 +61,7 @@ def float_below(m, bits: ti.template()):
         return ti.cast(m, float)
     else:
         digits = bit_cast((m & ti.u32(DIGITS)) | ti.u32(EXPONENT_23), ti.f32)
-        low = fast.at_least(digits - ti.static(2.0**23), 0.0)  # the bound keeps fast math from multiplying out
+        low = fast_maths.at_least(digits - ti.static(2.0**23), 0.0)  # the bound keeps fast math from multiplying out
         if ti.static(bits == 24):
             return ti.select(m > ti.u32(DIGITS), low + ti.static(2.0**23), low)
         else:
@@ -88,7 +88,7 @@ def log(x):
             + (-1.6668057665e-1, 2.0000714765e-1, -2.4999993993e-1, 3.3333331174e-1)
         ):
             p = p * f + c
-        k = fast.float_of(n)
+        k = fast_maths.float_of(n)
         y = f + (z * f * p + k * LN2_LO - 0.5 * z) + k * LN2_HI
     return y
 
@@ -142,7 +142,7 @@ def normal6(seed, stream, env, vehicle, step):
         if ti.static(runtime.is_f64()):
             s, c = ti.sin(theta), ti.cos(theta)
         else:
-            s, c = fast.sin_reduced(theta), fast.cos_reduced(theta)
+            s, c = fast_maths.sin_reduced(theta), fast_maths.cos_reduced(theta)
         z[2 * i], z[2 * i + 1] = r * c, r * s
     return z
 

@@ -16,7 +16,7 @@ import taichi as ti
 import taichi.math as tm
 import torch
 
-from taichi_sim.kernels import fast
+from taichi_sim.kernels import fast_maths
 from taichi_sim.kernels.abreast import put, some, taken
 from taichi_sim.kernels.conventions import (
     HEAVE,
@@ -109,7 +109,7 @@ def quaternion_advance(q, omega_b, dt):
     large = square > 0.09
     if some(large):
         angle = ti.sqrt(ti.max(square, 0.09))
-        sine, cosine = fast.sincos(0.5 * angle)
+        sine, cosine = fast_maths.sincos(0.5 * angle)
         c, k = ti.select(large, cosine, c), ti.select(large, sine / angle, k)
     # One Newton step towards 1/|q| suffices, because |q| - 1 is a rounding error. It does not wait for the rotation.
     scale = 1.5 - 0.5 * q.dot(q)
@@ -120,9 +120,9 @@ def quaternion_advance(q, omega_b, dt):
 @ti.func
 def quaternion_from_euler(phi, theta, psi):
     """Quaternion of roll phi, pitch theta and yaw psi (rad), z-y-x order."""
-    sr, cr = fast.sincos(0.5 * phi)
-    sp, cp = fast.sincos(0.5 * theta)
-    sy, cy = fast.sincos(0.5 * psi)
+    sr, cr = fast_maths.sincos(0.5 * phi)
+    sp, cp = fast_maths.sincos(0.5 * theta)
+    sy, cy = fast_maths.sincos(0.5 * psi)
     return ti.Vector(
         [
             cy * cp * cr + sy * sp * sr,

@@ -12,7 +12,7 @@ from taichi_sim.kernels.packs import AroundPack
 from taichi_sim.kernels.random import Noise
 from taichi_sim.state.memory import Remembers
 from taichi_sim.surroundings.air import Wind
-from taichi_sim.surroundings.sea.queries import elevations
+from taichi_sim.surroundings.sea.query_kernels import elevations
 from taichi_sim.surroundings.sea.sea import DEEP, Sea
 
 NO_WAVE = 1e-12  # rad/m, rad/s, nonzero for divisions: k and omega of components that pad the last lanes

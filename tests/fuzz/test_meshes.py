@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_sim.applications.hydro import floating_hull
+from taichi_sim.applications.hydro import hull_input
 from taichi_sim.applications.hydro.mesh_check import GAP
 from taichi_sim.applications.hydro.wetted_surface import WettedSurface
 from taichi_sim.config import ConfigError
@@ -72,7 +72,7 @@ def read(path: Path) -> tuple[WettedSurface | None, str]:
     said = io.StringIO()
     try:
         with contextlib.redirect_stdout(said):
-            return floating_hull.read_mesh(path, "m", 0.0, None, None), said.getvalue()
+            return hull_input.read_mesh(path, "m", 0.0, None, None), said.getvalue()
     except ConfigError as error:
         assert path.name in str(error)
         return None, said.getvalue()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from rl.commands.entry import user_errors
+from rl.commands.shared import user_errors
 from rl.missions import load_scenario, make_mission
 from rl.scenario import Scenario
 from taichi_sim.applications.commands.trials import changes_of

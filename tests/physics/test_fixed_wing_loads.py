@@ -10,7 +10,7 @@ from taichi_sim.config.io import config_folder, read_toml, validate
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, GRAVITY
 from taichi_sim.models.uav.fixed_wing import airframe
-from taichi_sim.models.uav.fixed_wing.equations import lift_curve, loads, stall_angles
+from taichi_sim.models.uav.fixed_wing.airframe_arrays import lift_curve, loads, stall_angles
 from taichi_sim.models.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
 

@@ -12,7 +12,7 @@ from taichi_sim.config.io import config_folder, read_toml, validate
 from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, GRAVITY, QUATERNION, VELOCITY
 from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.models.uav.fixed_wing import actuators
-from taichi_sim.models.uav.fixed_wing.equations import loads
+from taichi_sim.models.uav.fixed_wing.airframe_arrays import loads
 from taichi_sim.models.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 from taichi_sim.models.uav.fixed_wing.params import aircraft_numbers
 

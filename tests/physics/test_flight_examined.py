@@ -13,7 +13,7 @@ from taichi_sim.config import AirConfig, ConfigError
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, STATE_SIZE, VELOCITY
 from taichi_sim.kernels.rotation import torch_rotation_matrix
-from taichi_sim.models.uav.fixed_wing.equations import loads
+from taichi_sim.models.uav.fixed_wing.airframe_arrays import loads
 from taichi_sim.models.uav.fixed_wing.trim import trim
 from taichi_sim.state.dump import load_dump
 from taichi_sim.world import World, replay

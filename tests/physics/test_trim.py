@@ -8,7 +8,7 @@ import pytest
 
 from taichi_sim.config.io import config_folder, read_toml, validate
 from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, GRAVITY, QUATERNION, VELOCITY
-from taichi_sim.models.uav.fixed_wing.equations import rhs
+from taichi_sim.models.uav.fixed_wing.airframe_arrays import rhs
 from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.models.uav.fixed_wing.trim import Mode, TrimError, linear_modes, rk4_limit, trim
 

@@ -11,7 +11,7 @@ import pytest
 from command_line import Ending, tiny_run
 from small_missions import make
 
-from rl.commands import entry
+from rl.commands import shared as commands
 from rl.missions.formation.mission import Formation
 
 
@@ -43,7 +43,7 @@ def here(capsys):
         main = importlib.import_module(module).main
         try:
             common = [] if module == "rl.commands.report" else ["--quiet", "--threads", "1"]
-            status = entry.run(main, [*map(str, arguments), *common])
+            status = commands.run(main, [*map(str, arguments), *common])
         except SystemExit as ending:
             status = int(ending.code or 0)
         except Exception:  # what a user would see of it

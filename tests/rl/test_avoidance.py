@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from rl.guidance.avoidance import STEPS, AvoidanceGains, Avoider, Shield
-from rl.guidance.geometry import COURSE_RATE, ERRORS_SIZE, SLOT_VELOCITY, TARGET_SIZE, V
+from rl.guidance.targets_and_errors import COURSE_RATE, ERRORS_SIZE, SLOT_VELOCITY, TARGET_SIZE, V
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN
 from taichi_sim.vehicle import Limits

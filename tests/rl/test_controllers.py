@@ -11,7 +11,7 @@ from small_missions import TEAMS
 from torch import Tensor
 
 from rl.evaluation.episodes import judge_episodes
-from rl.guidance import avoidance, geometry
+from rl.guidance import avoidance, targets_and_errors
 from rl.guidance.controllers.sampled import held, place_poles
 from rl.learn.policy import ClassicalPolicy, policies_of
 from rl.mission import ControllerError
@@ -88,7 +88,7 @@ def test_both_poles_are_placed(damping, bandwidth):
 
 def test_approach_can_be_stopped():
     """From a rate sqrt(2 a |e|) a deceleration a stops exactly at zero error; near zero it is linear."""
-    rate = geometry.approach(torch.tensor([-2.0, 0.001]), 4.0, 3.0)
+    rate = targets_and_errors.approach(torch.tensor([-2.0, 0.001]), 4.0, 3.0)
     torch.testing.assert_close(rate, torch.tensor([-math.sqrt(2 * 3.0 * 2.0), 0.004]))
 
 

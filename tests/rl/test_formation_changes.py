@@ -8,8 +8,8 @@ from small_missions import begin, everything, make, wander
 from test_slots import DOUBLE, measured, target
 from torch import Tensor
 
-from rl.guidance.geometry import GOAL
 from rl.guidance.shapes import SHAPES, formation_offsets
+from rl.guidance.targets_and_errors import GOAL
 from rl.missions.formation.config import FormationTeam
 from rl.missions.formation.slots import Drawn, Slots
 from rl.perception.sensors import Sensor

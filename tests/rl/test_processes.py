@@ -16,7 +16,7 @@ import pytest
 import torch
 from command_line import ROOT, TEAMS, command, content, iterations, server, sets
 
-from rl.commands import entry
+from rl.commands import shared
 from rl.missions import load_scenario
 from rl.runs import launch, processes, signals
 from rl.runs.folder import RunError
@@ -275,8 +275,8 @@ def test_a_process_that_differs_is_named_with_what_differs():
     config = load_scenario("paper")
     other = load_scenario("paper", ["sea.hs=0.9", "usv.count=4"])
     same = ("abc", config, {"torch": "2.13.0", "taichi": "1.7.4"})
-    entry._refuse_differences([same, same])
+    shared._refuse_differences([same, same])
     with pytest.raises(RunError, match="process 1 of 2 has another scenario than process 0: they differ in sea, usv"):
-        entry._refuse_differences([same, ("abd", other, same[2])])
+        shared._refuse_differences([same, ("abd", other, same[2])])
     with pytest.raises(RunError, match="process 2 of 3 has torch 2.12.0, process 0 has 2.13.0: all processes need"):
-        entry._refuse_differences([same, same, ("abc", config, same[2] | {"torch": "2.12.0"})])
+        shared._refuse_differences([same, same, ("abc", config, same[2] | {"torch": "2.12.0"})])

@@ -7,7 +7,7 @@ import taichi as ti
 import torch
 from torch import Tensor
 
-from rl.guidance.geometry import Target, crab, speed_over_ground
+from rl.guidance.targets_and_errors import Target, crab, speed_over_ground
 from rl.missions import load_scenario
 from rl.missions.formation.mission import Formation
 from taichi_sim.config import ConfigError

@@ -16,7 +16,7 @@ from rerun.chunk import RrdReader
 from rosbags.highlevel import AnyReader
 from rsl_rl.utils import wandb_log_writer
 
-from rl.commands import entry
+from rl.commands import shared
 from rl.commands.play import main as play
 from rl.evaluation.checkups import check_stage
 from rl.evaluation.episodes import judge_episodes
@@ -118,7 +118,7 @@ def test_meta_says_what_a_result_depends_on(trained):
 
 def test_the_recordings_are_whole(trained, tmp_path):
     out = tmp_path / "mine.rrd"
-    status = entry.run(play, [str(trained), "--out", str(out), "--duration", "2", "--quiet", "--threads", "1"])
+    status = shared.run(play, [str(trained), "--out", str(out), "--duration", "2", "--quiet", "--threads", "1"])
     assert status == 0
     for file, root, steps in (
         (trained / "episode.rrd", "/untrained", 30),
@@ -134,7 +134,7 @@ def test_the_recordings_are_whole(trained, tmp_path):
 def test_an_episode_is_a_bag_of_ros_2(trained, tmp_path):
     out = tmp_path / "mine.mcap"
     common = ["--duration", "1", "--quiet", "--threads", "1"]
-    assert entry.run(play, [str(trained), "--out", str(out), "--origin", "-33.8", "151.2", *common]) == 0
+    assert shared.run(play, [str(trained), "--out", str(out), "--origin", "-33.8", "151.2", *common]) == 0
     with AnyReader([out]) as reader:
         told = {topic: of.msgcount for topic, of in reader.topics.items() if topic.endswith("/fix")}
         connection, _, data = next(m for m in reader.messages() if m[0].topic == "/usv_0/fix")
@@ -215,7 +215,7 @@ def test_checkups_run_all_policies_of_a_stage_on_the_same_episodes(trained, tmp_
 
 def test_a_logger_that_is_not_installed_is_named_with_its_extra(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(wandb_log_writer, "wandb", None)
-    assert entry.run(train, ["--logger", "wandb", "--out", str(tmp_path / "out")]) == 1
+    assert shared.run(train, ["--logger", "wandb", "--out", str(tmp_path / "out")]) == 1
     assert 'wandb is not installed: pip install "taichi-sim[wandb]"' in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 

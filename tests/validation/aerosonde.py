@@ -14,7 +14,7 @@ import torch
 from taichi_sim.applications.bench import Bench
 from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, VELOCITY
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
-from taichi_sim.models.uav.fixed_wing.equations import loads
+from taichi_sim.models.uav.fixed_wing.airframe_arrays import loads
 from taichi_sim.models.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.models.uav.fixed_wing.trim import Trim, linear_modes, trim

@@ -15,7 +15,7 @@ import torch
 
 from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, VELOCITY
 from taichi_sim.kernels.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler, torch_rotation_matrix
-from taichi_sim.models.uav.fixed_wing.equations import loads
+from taichi_sim.models.uav.fixed_wing.airframe_arrays import loads
 from taichi_sim.models.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
 from tests.validation.aerosonde import CONTROLS, DT, EULER, ORDER, in_a_vacuum, rigid_body, scaled, variant

@@ -131,17 +131,17 @@ def _made(case: Case, name: str) -> tuple[HydroDatabase, Hull6DofParams]:
     panels, meta = (case.path.with_name(name + end) for end in ("_half_hull_panels.csv", "_meta.json"))
     if not panels.is_file():
         raise InputsMissingError(f"inputs missing: neither {name}{SUFFIX} nor {panels.name}")
-    from taichi_sim.applications.hydro import floating_hull
+    from taichi_sim.applications.hydro import hull_input
     from taichi_sim.applications.hydro.wetted_surface import turned_matrix
 
     data = read_json(case.folder.use(meta))
     M = turned_matrix(matrix(data, "M"))
     mass = float(M[0, 0])
     cg = (M[1, 5] / mass, 0.0, M[0, 4] / mass)  # x, z: of the coupling with yaw and pitch
-    surface = floating_hull.read_mesh(case.folder.use(panels), "m", 0.0, 0.0, None)
+    surface = hull_input.read_mesh(case.folder.use(panels), "m", 0.0, 0.0, None)
     draught = float(-surface.whole[..., 2].min())
     with redirect_stdout(sys.stderr):
-        craft = floating_hull.of_mesh(surface, name, mass, cg, (1.0, 1.0, 1.0), (24, 3, draught))
+        craft = hull_input.of_mesh(surface, name, mass, cg, (1.0, 1.0, 1.0), (24, 3, draught))
     craft = replace(craft, M=M)
     kept = case.folder.computed / (name + SUFFIX)
     assert craft.shape is not None

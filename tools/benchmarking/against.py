@@ -133,7 +133,8 @@ def build(checkout: Path, groups: list[str], sizes: tuple[int, ...], folder: Pat
     benchmark = importlib.import_module(f"{base}benchmark")  # the checkout's
     Case = importlib.import_module(f"{base}benchmarking.timing").Case  # noqa: N806
 
-    benchmark.entry.start(argparse.Namespace(arch="cpu", threads=0))
+    start = (getattr(benchmark, "shared", None) or benchmark.cli).start  # cli: its name in earlier checkouts
+    start(argparse.Namespace(arch="cpu", threads=0))
     config = benchmark.load_scenario(PAPER, ())
     cases = []
     if "environment" in groups or "inference" in groups:

@@ -114,13 +114,13 @@ def train(config: Any, envs: int, iterations: int) -> dict[str, Any]:
 
 def main() -> None:
     """Train, time, and write the result."""
-    from rl.commands import entry
+    from rl.commands import shared
     from rl.missions import load_scenario
     from rl.runs import processes
 
     scenario, envs, iterations, threads, file = sys.argv[1:]
     with processes.joined() as place:
-        entry.start(argparse.Namespace(arch="cpu", threads=int(threads)))
+        shared.start(argparse.Namespace(arch="cpu", threads=int(threads)))
         result = train(load_scenario(scenario), int(envs), int(iterations))
         if place.first:
             Path(file).write_text(json.dumps(result), encoding="utf-8")

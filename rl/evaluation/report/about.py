@@ -8,11 +8,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from rl.evaluation.figures import LOSS, REWARD, draw_axes, draw_checkups, draw_iterations, judged
 from rl.evaluation.headroom import headroom, read_bounds
 from rl.evaluation.intervals import Interval, differences, intervals
 from rl.evaluation.store import Run, StoredEvaluation
 from rl.evaluation.sweeps import AxisTable, CellRow, SweepTable, named, value_text
+from rl.evaluation.training_figures import LOSS, REWARD, draw_axes, draw_checkups, draw_iterations, judged
 from rl.runs.folder import LANES, StageResult, resuming, was_lanes
 from taichi_sim.config.io import toml_text
 from taichi_sim.visualisation.plotting import log_where_spread

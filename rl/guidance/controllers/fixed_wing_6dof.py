@@ -27,8 +27,8 @@ import torch
 from torch import Tensor
 
 from rl.guidance.avoidance import AvoidanceGains, Avoider, SlotController
-from rl.guidance.geometry import approach, into, turning
 from rl.guidance.knowledge import Knowledge
+from rl.guidance.targets_and_errors import approach, into, turning
 from rl.team import ControllerError
 from taichi_sim.config import Positive
 from taichi_sim.kernels.conventions import DOWN, GRAVITY

@@ -28,9 +28,9 @@ from torch import Tensor
 from rl.guidance.avoidance import AvoidanceGains, Avoider, SlotController, Wanted
 from rl.guidance.controllers.laws import LAW, approach, cross, limited, push_of_waves, swung, turn_to, yaw_rate
 from rl.guidance.controllers.sampled import held, place_poles
-from rl.guidance.geometry import COURSE_RATE, ERROR, ERROR_RATE, SLOT_VELOCITY, row_of
-from rl.guidance.geometry import V as VELOCITY
 from rl.guidance.knowledge import Knowledge, KnownPack, TeamKernel
+from rl.guidance.targets_and_errors import COURSE_RATE, ERROR, ERROR_RATE, SLOT_VELOCITY, row_of
+from rl.guidance.targets_and_errors import V as VELOCITY
 from taichi_sim.config import Positive
 from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.conventions import DOWN, EAST, NORTH, ROLL_RATE

@@ -26,9 +26,9 @@ from torch import Tensor
 from rl.guidance.avoidance import AvoidanceGains, Avoider, SlotController
 from rl.guidance.controllers.laws import LAW, approach, limited, push_of_waves, wrapped, yaw_rate
 from rl.guidance.controllers.sampled import decaying, place_poles
-from rl.guidance.geometry import COURSE_RATE, row_of, to_starboard, turning
-from rl.guidance.geometry import V as VELOCITY
 from rl.guidance.knowledge import Knowledge, KnownPack, TeamKernel
+from rl.guidance.targets_and_errors import COURSE_RATE, row_of, to_starboard, turning
+from rl.guidance.targets_and_errors import V as VELOCITY
 from rl.team import ControllerError
 from taichi_sim.config import NonNegative, Positive
 from taichi_sim.kernels.abreast import taken

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from rl.guidance.geometry import EAST, NORTH, SLOT_SIZE, TARGET_SIZE, SlotErrors, Target, to_starboard
 from rl.guidance.observations import squashed
 from rl.guidance.residual import ResidualTeam
 from rl.guidance.rewards import paid
+from rl.guidance.targets_and_errors import EAST, NORTH, SLOT_SIZE, TARGET_SIZE, SlotErrors, Target, to_starboard
 from rl.missions.escort import rewards
 from rl.missions.escort.circling import (
     CIRCLE_SCALE,
@@ -22,7 +22,7 @@ from rl.missions.escort.circling import (
     OrbitGains,
 )
 from rl.missions.escort.endings_and_logs import LOGGED, endings_of, log_of
-from rl.missions.escort.parts import Parts
+from rl.missions.escort.host import Parts
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
 from rl.perception.contacts import TrackedContacts
 from rl.perception.due import Due

@@ -6,15 +6,15 @@ import torch
 from torch import Tensor
 
 from rl.guidance.controllers import controller_of
-from rl.guidance.geometry import OFFSET, RATE, SLOT_SIZE, Geometry, Target, course_of
-from rl.guidance.geometry import TARGET_SIZE as TARGET
 from rl.guidance.observations import ObservationWriter, squashed
 from rl.guidance.residual import ResidualTeam
 from rl.guidance.rewards import paid
 from rl.guidance.shapes import escort_offsets
+from rl.guidance.targets_and_errors import OFFSET, RATE, SLOT_SIZE, Geometry, Target, course_of
+from rl.guidance.targets_and_errors import TARGET_SIZE as TARGET
 from rl.missions.escort import rewards
 from rl.missions.escort.endings_and_logs import LOGGED, endings_of, log_of
-from rl.missions.escort.parts import Parts
+from rl.missions.escort.host import Parts
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
 from rl.perception.charted_contacts import ChartedContacts
 from rl.perception.due import Due

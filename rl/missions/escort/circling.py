@@ -22,7 +22,6 @@ from rl.guidance.controllers.fixed_wing_6dof import (
     FlightCommand,
     velocity_through_air,
 )
-from rl.guidance.geometry import COS, COURSE, EAST, NORTH, SIN, SPEED, cross, own_frame, to_starboard
 from rl.guidance.knowledge import Knowledge
 from rl.guidance.observations import (
     RATE_SCALE,
@@ -35,9 +34,10 @@ from rl.guidance.observations import (
     put_squashed,
     squash,
 )
+from rl.guidance.targets_and_errors import COS, COURSE, EAST, NORTH, SIN, SPEED, cross, own_frame, to_starboard
 from rl.missions.escort.boats import AGE_SCALE, SIGMA_SCALE
 from rl.missions.escort.config import OrbitConfig
-from rl.missions.escort.parts import Parts
+from rl.missions.escort.host import Parts
 from rl.missions.escort.tracking import SharedTracking
 from rl.perception.due import NOT_DUE, Due
 from rl.perception.radio import Message

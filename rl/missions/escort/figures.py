@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from rl.evaluation.figures import save_figures, training_figures
+from rl.evaluation.training_figures import save_figures, training_figures
 from rl.mission import Histories
 from rl.missions.escort.config import EscortScenario
 from taichi_sim.kernels.conventions import EAST, NORTH

@@ -13,9 +13,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from rl.guidance.geometry import COURSE, DOWN, NORTH
+from rl.guidance.targets_and_errors import COURSE, DOWN, NORTH
 from rl.missions.escort.config import EscortConfig, OrbitConfig
-from rl.missions.escort.parts import Parts
+from rl.missions.escort.host import Parts
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking
 from rl.perception.sightings import Camera, Sighting
 from taichi_sim.kernels.conventions import HORIZONTAL

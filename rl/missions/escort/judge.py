@@ -9,7 +9,7 @@ from torch import Tensor
 
 from rl.evaluation.judge import COLLISION_LOSS, COMMON, Episodes, ErrorJudge, errors_of, median_of, over_time, rms_of
 from rl.missions.escort.config import EscortScenario
-from rl.missions.escort.parts import Parts
+from rl.missions.escort.host import Parts
 from rl.missions.escort.tracking import SharedTracking
 from rl.step import Step
 

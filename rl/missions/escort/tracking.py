@@ -22,7 +22,7 @@ from torch import Tensor
 
 from rl.guidance.course import obstacles as bodies
 from rl.guidance.course.obstacles import Cylinder
-from rl.guidance.geometry import COS, COURSE, EAST, NORTH, SIN, SPEED, TARGET_SIZE, course_of
+from rl.guidance.targets_and_errors import COS, COURSE, EAST, NORTH, SIN, SPEED, TARGET_SIZE, course_of
 from rl.missions.escort.config import EscortScenario
 from rl.perception.chart import AGE, P_PP, P_PV, P_VV, V_EAST, V_NORTH, Chart, width_of
 from rl.perception.due import NOT_DUE, Due
@@ -111,8 +111,9 @@ class SharedTracking(Remembers):
 
     Attributes:
         objects: [env, object, 6], the truth. sightings: [env, observer, object, 3]. radio, chart: of rl/perception.
-        targets: [env, observer, 8] each observer's estimate of the vessel, columns of rl/guidance/geometry.py; the rate
-            of its course is 0, because an estimated rate did more harm than good.
+        targets: [env, observer, 8] each observer's estimate of the vessel, columns of
+            rl/guidance/targets_and_errors.py; the rate of its course is 0, because an estimated rate did more harm than
+            good.
         age, sigma: [env, observer] age (s) and standard deviation (m, each way) of the estimates.
     """
 

@@ -16,8 +16,8 @@ from rl.guidance.avoidance import Avoider
 from rl.guidance.controllers import controller_of
 from rl.guidance.controllers.vessel import CourseCommand, Hull6DofController, Manoeuvring3dofController
 from rl.guidance.course.obstacles import Bodies
-from rl.guidance.geometry import SLOT_SIZE, SlotErrors, Target, course_of, wrap
-from rl.guidance.geometry import TARGET_SIZE as TARGET
+from rl.guidance.targets_and_errors import SLOT_SIZE, SlotErrors, Target, course_of, wrap
+from rl.guidance.targets_and_errors import TARGET_SIZE as TARGET
 from rl.missions.escort.config import EscortScenario
 from rl.perception.sensors import Mate, Nearby, Sensor
 from taichi_sim.config import ConfigError

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from rl.guidance.course.obstacles import AWAY, CROSSING_ANGLE, NORTH, ROWS, Cylinder
-from rl.guidance.geometry import strongest_wind
+from rl.guidance.targets_and_errors import strongest_wind
 from rl.missions.escort.config import ROOM, EscortScenario
 from taichi_sim.config import ConfigError
 from taichi_sim.fleet import Fleet

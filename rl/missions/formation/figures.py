@@ -15,7 +15,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 
-from rl.evaluation.figures import save_figures, training_figures
+from rl.evaluation.training_figures import save_figures, training_figures
 from rl.mission import Histories
 from taichi_sim.kernels.conventions import DOWN, EAST, NORTH
 from taichi_sim.kernels.rotation import numpy_rotation_matrix

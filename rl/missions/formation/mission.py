@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from rl.guidance.course.obstacles import ROWS, Bodies
-from rl.guidance.geometry import Targets
+from rl.guidance.targets_and_errors import Targets
 from rl.mission import Frame, Histories, Mission
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.judge import FormationJudge

@@ -10,8 +10,8 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
-from rl.guidance.geometry import SlotErrors, Target
 from rl.guidance.rewards import action_rate, clearance, coarse, fine, paid, penalty
+from rl.guidance.targets_and_errors import SlotErrors, Target
 from rl.perception.sensors import Mate, Obstacle, Sensor
 from rl.step import Endings
 from taichi_sim.config import NonNegative, Positive, Strict

@@ -22,8 +22,8 @@ import taichi as ti
 import torch
 from torch import Tensor
 
-from rl.guidance.geometry import GOAL, OFFSET, RATE, SLOT_SIZE
 from rl.guidance.shapes import formation_offsets
+from rl.guidance.targets_and_errors import GOAL, OFFSET, RATE, SLOT_SIZE
 from rl.missions.formation.config import FormationTeam
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.runtime import array1, array3

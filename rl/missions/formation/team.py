@@ -8,10 +8,10 @@ from torch import Tensor
 
 from rl.guidance.controllers import controller_of
 from rl.guidance.course.obstacles import Bodies
-from rl.guidance.geometry import Geometry, SlotErrors, Target, Targets
 from rl.guidance.knowledge import Knowledge
 from rl.guidance.observations import ObservationWriter
 from rl.guidance.residual import ResidualTeam
+from rl.guidance.targets_and_errors import Geometry, SlotErrors, Target, Targets
 from rl.missions.formation import rewards
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.slots import Slots

@@ -16,8 +16,8 @@ from torch import Tensor
 
 from rl.guidance.course.obstacles import HEIGHT_BAND_M, ROWS, Cylinder, Span, Traffic, generate_obstacles
 from rl.guidance.course.tracks import Tracks, generate_tracks
-from rl.guidance.geometry import LEAST_SHARE, crab, strongest_wind
 from rl.guidance.shapes import lane_half_width
+from rl.guidance.targets_and_errors import LEAST_SHARE, crab, strongest_wind
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.slots import Drawn, draw_formations, offsets_of, unit_offsets
 from rl.scenario import derive_seed
@@ -361,7 +361,7 @@ def _check_flyable(config: FormationScenario, name: str, vehicle: str, model: Ve
 
     Over ground, the target's speed v needs airspeeds from v - w to v + w. Through the air, its airspeed V_a makes
     speeds over ground up to V_a + w. Either way a bend of radius R needs the lateral acceleration v^2 / R at the
-    largest speed over ground v (rl/guidance/geometry.py), so R must reach v^2 / (g tan(largest bank)).
+    largest speed over ground v (rl/guidance/targets_and_errors.py), so R must reach v^2 / (g tan(largest bank)).
     """
     low, cruise, high = model.limits.speeds
     track, (speed, over) = config.track, config.pace(name)

@@ -10,10 +10,10 @@ from rl.guidance.rewards import paid
 from rl.missions.landing import rewards
 from rl.missions.landing.config import LandingTeam
 from rl.missions.landing.deck_motion import DeckMotion, Decks
+from rl.missions.landing.host import Parts
 from rl.missions.landing.known_deck import LAGS, KnownDeck
 from rl.missions.landing.level_frame import into_level
 from rl.missions.landing.marker import Look, Marker
-from rl.missions.landing.parts import Parts
 from rl.missions.landing.pilots import Pilot, corrected
 from rl.perception.due import Due
 from rl.perception.instruments import Readings

@@ -1,7 +1,7 @@
 """The boats, whether they take part or not: the courses they are ordered to hold, their decks, their radio messages.
 
 The classical controller of a boat's model sails its course, without collision avoidance. Where the boats take no part,
-they hold the ordered course; a team of boats (boat_team.py) may deviate from it. A vessel without a classical
+they hold the ordered course; a team of boats (deck_steadying.py) may deviate from it. A vessel without a classical
 controller, such as an FPSO, coasts with zero actions from its initial motion; it cannot take part.
 """
 
@@ -12,7 +12,7 @@ from torch import Tensor
 
 from rl.guidance.controllers import controller_of
 from rl.guidance.controllers.vessel import CourseCommand, Hull6DofController, Manoeuvring3dofController
-from rl.guidance.geometry import SLOT_SIZE, TARGET_SIZE, SlotErrors, Target, wrap
+from rl.guidance.targets_and_errors import SLOT_SIZE, TARGET_SIZE, SlotErrors, Target, wrap
 from rl.missions.landing.config import LandingScenario
 from rl.missions.landing.deck_motion import DeckMotion, Decks, deck_motion
 from rl.perception.due import Due

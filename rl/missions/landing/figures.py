@@ -7,7 +7,7 @@ import torch
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from rl.evaluation.figures import save_figures, training_figures
+from rl.evaluation.training_figures import save_figures, training_figures
 from rl.mission import Histories
 from rl.missions.landing.config import LandingScenario
 from taichi_sim.kernels.rotation import torch_rotation_matrix

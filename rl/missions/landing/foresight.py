@@ -1,4 +1,4 @@
-"""What aircraft foresee of their decks, and their estimate of the wind, for the model of imagined.py.
+"""What aircraft foresee of their decks, and their estimate of the wind, for the model of planning_model.py.
 
 How a deck goes on moving is foreseen from its past by autoregressive models (rl/guidance/forecast.py) of its velocity
 over its mean velocity, of roll and of pitch. What they foresee is joined to what is known now (known_deck.py) by an

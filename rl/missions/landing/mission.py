@@ -17,12 +17,12 @@ from torch import Tensor
 
 from rl.mission import Frame, Histories, Mission
 from rl.missions.landing.aircraft import Aircraft, SensingAircraft
-from rl.missions.landing.boat_team import BoatTeam
 from rl.missions.landing.boats import MESSAGE, Boats, Helm
 from rl.missions.landing.config import LandingConfig, LandingScenario
+from rl.missions.landing.deck_steadying import BoatTeam
 from rl.missions.landing.film import overlays_of
-from rl.missions.landing.imagined import ImaginedLanding, imagined_scenario
 from rl.missions.landing.judge import LandingJudge
+from rl.missions.landing.planning_model import ImaginedLanding, imagined_scenario
 from rl.perception.due import Due
 from rl.perception.radio import Radio
 from taichi_sim.config import ConfigError

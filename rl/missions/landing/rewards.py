@@ -82,7 +82,7 @@ class RewardedAircraft(Protocol):
 
 
 class RewardedBoats(Protocol):
-    """What the boats' terms read (boat_team.py); tensors are [env, boat, ...]."""
+    """What the boats' terms read (deck_steadying.py); tensors are [env, boat, ...]."""
 
     fleet: Fleet
     chosen: Tensor
@@ -121,4 +121,4 @@ BOAT_TERMS: dict[str, Callable[[RewardedBoats, Endings, BoatReward], Tensor]] = 
     "landed": lambda team, ended, w: team.served.to(team.swing),
     "action_rate": lambda team, ended, w: action_rate(team.chosen, team.chosen_before),
 }
-"""A weight's name -> its term, of boats (boat_team.py), their endings, and the weights."""
+"""A weight's name -> its term, of boats (deck_steadying.py), their endings, and the weights."""

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_sim.applications.hydro.floating_hull import FloatingHull, check_floating, divided
 from taichi_sim.applications.hydro.frequency_sweep import Floating, database, solve_all
+from taichi_sim.applications.hydro.hull_input import FloatingHull, check_floating, divided
 from taichi_sim.applications.hydro.offsets import compared
-from taichi_sim.applications.hydro.panels import gap_lid, inner_lid, refined, wetted
+from taichi_sim.applications.hydro.panelling import gap_lid, inner_lid, refined, wetted
 from taichi_sim.applications.hydro.potential_flow import Tank, solve
 from taichi_sim.applications.hydro.wetted_surface import PLANES, WettedSurface, X, turned_matrix
 from taichi_sim.config import ConfigError

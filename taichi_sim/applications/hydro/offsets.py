@@ -8,7 +8,7 @@ waterline until the waterplane has the mesh's area, those below until the volume
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_sim.applications.hydro.panels import wetted
+from taichi_sim.applications.hydro.panelling import wetted
 from taichi_sim.applications.hydro.wetted_surface import WettedSurface, X
 from taichi_sim.models.usv.hull.mesh import Panels, StationsHull, mesh
 

@@ -8,7 +8,7 @@ its normal velocity v_n (the normal points out of the hull into the water), by o
 
 On the meshes of ships the direct method has a quarter of the error, and lids hardly shift its results
 (docs/hydrodynamics.md). The problems are the six motions of unit velocity, and the scattering of waves from each
-heading. The lids are those of panels.py: the inner one is rigid, the one between hulls is damped
+heading. The lids are those of panelling.py: the inner one is rigid, the one between hulls is damped
 (capytaine_extensions.py).
 
 Far away, the waves of a potential follow from Kochin's function

@@ -10,7 +10,7 @@ import numpy as np
 
 from taichi_sim.applications.trials.results import Curve, Outcome, Panel, TrialError
 from taichi_sim.kernels.conventions import GRAVITY
-from taichi_sim.models.uav.fixed_wing.equations import flight_envelope
+from taichi_sim.models.uav.fixed_wing.airframe_arrays import flight_envelope
 from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.models.uav.fixed_wing.trim import Trim, TrimError, linear_modes, trim
 from taichi_sim.models.uav.multirotor import trim as hovering

@@ -29,7 +29,7 @@ from torch import Tensor
 
 from taichi_sim.config import NonNegative, Positive
 from taichi_sim.fleet import Fleet
-from taichi_sim.kernels import abreast, fast, lanes
+from taichi_sim.kernels import abreast, fast_maths, lanes
 from taichi_sim.kernels.abreast import group, put, taken
 from taichi_sim.kernels.conventions import QUATERNION, SURGE
 from taichi_sim.kernels.packs import Build, FleetPack, load_at, own_numbers
@@ -211,7 +211,7 @@ class UnityAircraft(Aircraft):
         after it.
         """
         v = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]])) @ ti.Vector([y[7], y[8], y[9]])
-        boost = self.p.boost_min * fast.exp(ti.static(0.5 * math.log(self.boost_ratio)) * (command[2] + 1.0))
+        boost = self.p.boost_min * fast_maths.exp(ti.static(0.5 * math.log(self.boost_ratio)) * (command[2] + 1.0))
         rates, way = angles * 0.0, v * 0.0
         for _ in range(self.substeps):
             a = self.acceleration(p, build.loaded, angles, boost, tau)
@@ -230,12 +230,12 @@ class UnityAircraft(Aircraft):
         """Acceleration (m/s^2, n) by the thrust along the nose and, if `loaded`, by the load tau from outside (b)."""
         ahead, right, down = p.acceleration * boost, angles[0] * 0.0, angles[0] * 0.0
         if ti.static(loaded):
-            sr, cr = fast.sincos(angles[0])
+            sr, cr = fast_maths.sincos(angles[0])
             ahead += tau[0] * p.inverse_mass
             right = (cr * tau[1] - sr * tau[2]) * p.inverse_mass  # rotated by roll; pitch and yaw follow
             down = (sr * tau[1] + cr * tau[2]) * p.inverse_mass
-        sp, cp = fast.sincos(angles[1])
-        sy, cy = fast.sincos(angles[2])
+        sp, cp = fast_maths.sincos(angles[1])
+        sy, cy = fast_maths.sincos(angles[2])
         level = cp * ahead + sp * down
         return ti.Vector([cy * level - sy * right, sy * level + cy * right, cp * down - sp * ahead])
 
@@ -270,8 +270,8 @@ class UnityAircraft(Aircraft):
     @ti.func
     def body_rates(self, angles, rates):
         """Angular velocity (rad/s) in b of Euler angles and their rates, z-y-x order (Fossen 2021, eq. 2.39)."""
-        sr, cr = fast.sincos(angles[0])
-        sp, cp = fast.sincos(angles[1])
+        sr, cr = fast_maths.sincos(angles[0])
+        sp, cp = fast_maths.sincos(angles[1])
         return ti.Vector(
             [
                 rates[0] - sp * rates[2],
@@ -283,8 +283,8 @@ class UnityAircraft(Aircraft):
     @ti.func
     def body_accelerations(self, angles, rates):
         """Angular acceleration (rad/s^2) in b while the rates of the Euler angles are constant."""
-        sr, cr = fast.sincos(angles[0])
-        sp, cp = fast.sincos(angles[1])
+        sr, cr = fast_maths.sincos(angles[0])
+        sp, cp = fast_maths.sincos(angles[1])
         cross = rates[1] * rates[2]
         return ti.Vector(
             [

@@ -2,7 +2,7 @@
 
     eta_dot = R(psi) nu,   M nu_dot = -C(nu) nu - D(nu) nu - g + tau,
 
-with eta = [x, y, psi] in n and nu = [u, v, r] in b. The disturbance g is the load of waves (planar_motion.py). M, C and
+with eta = [x, y, psi] in n and nu = [u, v, r] in b. The disturbance g is the load of waves (planar_shared.py). M, C and
 D are those of eqs (3)-(4), in the notation of Skjetne, Smogeli & Fossen (2004), Modeling, Identification and Control
 25(1), 3-27:
 
@@ -38,12 +38,12 @@ from torch import Tensor
 
 from taichi_sim.config import Finite, NonNegative, Positive
 from taichi_sim.fleet import Fleet
-from taichi_sim.kernels import fast
+from taichi_sim.kernels import fast_maths
 from taichi_sim.kernels.abreast import taken, taken2
 from taichi_sim.kernels.conventions import EAST, NORTH
 from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, own_numbers
 from taichi_sim.kernels.runtime import array2
-from taichi_sim.models.usv.planar_motion import (
+from taichi_sim.models.usv.planar_shared import (
     AT_ONCE,
     elevations,
     first_plane,
@@ -361,7 +361,7 @@ class Manoeuvring3dof(Vessel):
     @ti.func
     def derivatives(self, p: ti.template(), s, tau, V_c):
         """Rates of s = [x, y, psi, u_r, v_r, r] under tau = [X, Y, N], in water that moves by V_c."""
-        sine, cosine = fast.sincos(s[2])
+        sine, cosine = fast_maths.sincos(s[2])
         a = acceleration(p, s[3], s[4], s[5], tau)
         x_dot, y_dot = cosine * s[3] - sine * s[4] + V_c[0], sine * s[3] + cosine * s[4] + V_c[1]
         return ti.Vector([x_dot, y_dot, s[5], a[0], a[1], a[2]])

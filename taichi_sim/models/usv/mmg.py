@@ -29,7 +29,7 @@ The method is made for motion ahead. The extensions beyond it are assumed:
 - The rudder's inflow has no such division either, and comes from astern where u_R < 0.
 
 The water moves with the current V_c, and the equations hold for the velocity relative to it (see manoeuvring_3dof.py).
-Heave, roll and pitch follow the surface under the hull (planar_motion.py).
+Heave, roll and pitch follow the surface under the hull (planar_shared.py).
 
 Propeller and rudder follow their commands with a lag T and a rate limit:
 
@@ -52,14 +52,14 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from taichi_sim.fleet import Fleet
-from taichi_sim.kernels import fast
+from taichi_sim.kernels import fast_maths
 from taichi_sim.kernels.abreast import taken, taken2
 from taichi_sim.kernels.conventions import AHEAD, EAST, NORTH
 from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, own_numbers
 from taichi_sim.kernels.rigid_body import Number
 from taichi_sim.kernels.runtime import array2
 from taichi_sim.models.usv.mmg_params import HullDerivatives, HullPolynomial, MmgParams, Propeller, Rudder
-from taichi_sim.models.usv.planar_motion import (
+from taichi_sim.models.usv.planar_shared import (
     AT_ONCE,
     elevations,
     first_plane,
@@ -446,7 +446,7 @@ class Mmg3Dof(Vessel):
     @ti.func
     def derivatives(self, p: ti.template(), s, controls, outside, V_c, V_w):
         """Rates of s = [x, y, psi, u_r, v_r, r] at the given controls, under the external load [X Y N]."""
-        sine, cosine = fast.sincos(s[2])
+        sine, cosine = fast_maths.sincos(s[2])
         tau = loads(p, s[3], s[4], s[5], controls[0], controls[1]) + outside
         met = V_w - V_c  # velocity of the air relative to the water
         u_w, v_w = cosine * met[0] + sine * met[1] - s[3], cosine * met[1] - sine * met[0] - s[4]

@@ -41,7 +41,7 @@ import math
 import taichi as ti
 
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.fast import exp
+from taichi_sim.kernels.fast_maths import exp
 from taichi_sim.kernels.lanes import is_laned
 
 STATES = 5  # per vehicle: one of u, two of v, two of w

@@ -29,9 +29,9 @@ import torch
 
 from taichi_sim.config import AirConfig, GustConfig
 from taichi_sim.config.series import Series, mean_of, read_series
-from taichi_sim.kernels import fast, runtime
+from taichi_sim.kernels import fast_maths, runtime
 from taichi_sim.kernels.conventions import GRAVITY
-from taichi_sim.kernels.fast import exp
+from taichi_sim.kernels.fast_maths import exp
 from taichi_sim.kernels.random import SlowVariation, log
 from taichi_sim.state.memory import Remembers
 
@@ -86,7 +86,7 @@ def one_minus_cosine(shape: ti.template(), s):
     """Fraction of the amplitude, 0 to 1, at s (in units of H)."""
     end = ti.static(2.0 if shape == "pulse" else 1.0)
     half = ti.min(ti.max(s, 0.0), end) * ti.static(0.5 * math.pi)  # in [0, pi]; (1 - cos 2x) / 2 = sin^2 x
-    sine = fast.sin(half)
+    sine = fast_maths.sin(half)
     return sine * sine
 
 

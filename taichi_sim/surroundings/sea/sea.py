@@ -19,7 +19,7 @@ from taichi_sim.config import SeaConfig, SwellConfig
 from taichi_sim.config.base import number, span
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.conventions import AMPLITUDE, BX, BY, GRAVITY, KX, KY, OMEGA, PHASE, RHO_SEA, SEA_ROWS
-from taichi_sim.surroundings.sea import queries
+from taichi_sim.surroundings.sea import query_kernels
 from taichi_sim.surroundings.sea.measured import MeasuredSystem, WaveRecord, records_of
 from taichi_sim.surroundings.sea.sampling import System, WaveSystem, draw_components
 from taichi_sim.surroundings.sea.spectrum import Components, jonswap
@@ -142,7 +142,7 @@ class Sea:
         self.table = torch.as_tensor(rows, dtype=run.torch_dtype, device=run.device).contiguous()
         # f64 copies of the table's own frequencies, so that phases agree with the table over any length of time
         self._omega64 = self.table[:, OMEGA].double().contiguous()
-        self._advance = runtime.Launcher(queries.advance_phases)
+        self._advance = runtime.Launcher(query_kernels.advance_phases)
         self._phase64 = torch.as_tensor(rows[:, PHASE], dtype=torch.float64, device=run.device).contiguous()
 
     def __repr__(self) -> str:
@@ -191,7 +191,7 @@ class Sea:
         if out is None:
             out = self.table.new_empty((env_sea.shape[0], self.num_components))
         components = self.num_components
-        serial = runtime.few(env_sea.shape[0], queries.PHASE * components)
+        serial = runtime.few(env_sea.shape[0], query_kernels.PHASE * components)
         self._advance(out, self._omega64, self._phase64, env_sea, time, components, serial)
         return out
 
@@ -210,18 +210,18 @@ class Sea:
     def surface(self, north, east, time, sea=0) -> Surface:
         """Return the surface at points [...] (m) and times (s) of realisation `sea`; arguments broadcast."""
         points, env_sea, time64, shape = self._points((north, east), time, sea)
-        raw = self.table.new_empty((points.shape[0], queries.SURFACE_COLUMNS))
-        queries.surface(raw, points, self.phases(env_sea, time64), self.table, env_sea, self.num_components)
-        slope = raw[:, queries.SLOPE]
+        raw = self.table.new_empty((points.shape[0], query_kernels.SURFACE_COLUMNS))
+        query_kernels.surface(raw, points, self.phases(env_sea, time64), self.table, env_sea, self.num_components)
+        slope = raw[:, query_kernels.SLOPE]
         normal = torch.cat((-slope, -torch.ones_like(slope[:, :1])), dim=1)
         normal = normal / normal.norm(dim=1, keepdim=True)
         return Surface(
-            raw[:, queries.HEIGHT].reshape(shape),
+            raw[:, query_kernels.HEIGHT].reshape(shape),
             normal.reshape(*shape, 3),
-            raw[:, queries.VELOCITY].reshape(*shape, 3),
-            raw[:, queries.LABEL].reshape(*shape, 2),
-            raw[:, queries.JACOBIAN].reshape(shape),
-            raw[:, queries.ACCELERATION].reshape(*shape, 3),
+            raw[:, query_kernels.VELOCITY].reshape(*shape, 3),
+            raw[:, query_kernels.LABEL].reshape(*shape, 2),
+            raw[:, query_kernels.JACOBIAN].reshape(shape),
+            raw[:, query_kernels.ACCELERATION].reshape(*shape, 3),
         )
 
     def elevation(self, north, east, time=0.0, sea=0) -> torch.Tensor:
@@ -232,7 +232,7 @@ class Sea:
         self, points: torch.Tensor, point_row: torch.Tensor, env_sea: torch.Tensor, phase: torch.Tensor
     ) -> torch.Tensor:
         """Elevation [point] (m, up) at points [point, 2]; point_row [point]: its row in `env_sea` and `phase`."""
-        return queries.elevations(self.table, points, point_row, env_sea, phase)
+        return query_kernels.elevations(self.table, points, point_row, env_sea, phase)
 
     def elevation_grid(self, north, east, time: float = 0.0, sea: int = 0) -> np.ndarray:
         """Elevation (m, up) of the sea surface on a grid, to plot, record or export.
@@ -261,9 +261,11 @@ class Sea:
         `down` (m, >= 0) is the depth of the point below mean sea level.
         """
         points, env_sea, time64, shape = self._points((north, east, down), time, 0)
-        raw = self.table.new_empty((points.shape[0], queries.AIRY_COLUMNS))
-        queries.airy(raw, points, self.phases(env_sea, time64), self.table, self.kernel_depth, self.num_components)
-        velocity, pressure = raw[:, queries.AIRY_VELOCITY], raw[:, queries.AIRY_PRESSURE]
+        raw = self.table.new_empty((points.shape[0], query_kernels.AIRY_COLUMNS))
+        query_kernels.airy(
+            raw, points, self.phases(env_sea, time64), self.table, self.kernel_depth, self.num_components
+        )
+        velocity, pressure = raw[:, query_kernels.AIRY_VELOCITY], raw[:, query_kernels.AIRY_PRESSURE]
         return velocity.reshape(*shape, 3), RHO_SEA * pressure.reshape(shape)
 
     def pressure(self, north, east, down, time, sea=0) -> torch.Tensor:
@@ -273,7 +275,7 @@ class Sea:
         theory is stretched linear theory (waves.py). Below the bottom the pressure continues hydrostatically.
         """
         raw, shape = self._column(north, east, down, time, sea)
-        return RHO_SEA * GRAVITY * raw[:, queries.COLUMN_PRESSURE].reshape(shape)
+        return RHO_SEA * GRAVITY * raw[:, query_kernels.COLUMN_PRESSURE].reshape(shape)
 
     def kinematics(self, north, east, down, time, sea=0) -> Kinematics:
         """Orbital velocity and acceleration of the water, from the instantaneous surface to the bottom.
@@ -281,7 +283,7 @@ class Sea:
         Arguments are those of `pressure`. At and above the surface the result is that of the surface particle.
         """
         raw, shape = self._column(north, east, down, time, sea)
-        velocity, acceleration = raw[:, queries.COLUMN_VELOCITY], raw[:, queries.COLUMN_ACCELERATION]
+        velocity, acceleration = raw[:, query_kernels.COLUMN_VELOCITY], raw[:, query_kernels.COLUMN_ACCELERATION]
         return Kinematics(velocity.reshape(*shape, 3), acceleration.reshape(*shape, 3))
 
     @property
@@ -291,9 +293,9 @@ class Sea:
 
     def _column(self, north, east, down, time, sea) -> tuple[torch.Tensor, torch.Size]:
         points, env_sea, time64, shape = self._points((north, east, down), time, sea)
-        raw = self.table.new_empty((points.shape[0], queries.COLUMN_COLUMNS))
+        raw = self.table.new_empty((points.shape[0], query_kernels.COLUMN_COLUMNS))
         phase = self.phases(env_sea, time64)
-        queries.column(raw, points, phase, self.table, env_sea, self.kernel_depth, self.num_components)
+        query_kernels.column(raw, points, phase, self.table, env_sea, self.kernel_depth, self.num_components)
         return raw, shape
 
     def _points(self, coordinates, time, sea):

@@ -42,7 +42,7 @@ deep water.
 
 import taichi as ti
 
-from taichi_sim.kernels import fast
+from taichi_sim.kernels import fast_maths
 from taichi_sim.kernels.conventions import AMPLITUDE, BX, BY, KX, KY, OMEGA, SEA_ROWS, K
 from taichi_sim.kernels.lanes import WIDTH, blocks, is_laned, lane_of, row_of, totals, variables
 
@@ -55,7 +55,7 @@ def displacement(sea: ti.template(), phase: ti.template(), count: ti.template(),
     dx, dy = X * 0.0, X * 0.0
     for c in range(count):
         theta = sea[s, KX, c] * X + sea[s, KY, c] * Y + phase[row, c] - sea[s, OMEGA, c] * tau
-        sine = fast.sin(theta)
+        sine = fast_maths.sin(theta)
         dx += sea[s, BX, c] * sine
         dy += sea[s, BY, c] * sine
     return ti.Vector([dx, dy])
@@ -67,7 +67,7 @@ def elevation_at_label(sea: ti.template(), phase: ti.template(), count: ti.templ
     zeta = X * 0.0
     for c in range(count):
         theta = sea[s, KX, c] * X + sea[s, KY, c] * Y + phase[row, c] - sea[s, OMEGA, c] * tau
-        zeta += sea[s, AMPLITUDE, c] * fast.cos(theta)
+        zeta += sea[s, AMPLITUDE, c] * fast_maths.cos(theta)
     return zeta
 
 
@@ -82,13 +82,13 @@ def displacement_and_four_elevations(sea: ti.template(), phase: ti.template(), c
     for c in range(count):
         a, kx, ky = sea[s, AMPLITUDE, c], sea[s, KX, c], sea[s, KY, c]
         p = phase[row, c] - sea[s, OMEGA, c] * tau
-        sine = fast.sin(kx * X[0] + ky * Y[0] + p)
+        sine = fast_maths.sin(kx * X[0] + ky * Y[0] + p)
         dx += sea[s, BX, c] * sine
         dy += sea[s, BY, c] * sine
-        z1 += a * fast.cos(kx * X[1] + ky * Y[1] + p)
-        z2 += a * fast.cos(kx * X[2] + ky * Y[2] + p)
-        z3 += a * fast.cos(kx * X[3] + ky * Y[3] + p)
-        z4 += a * fast.cos(kx * X[4] + ky * Y[4] + p)
+        z1 += a * fast_maths.cos(kx * X[1] + ky * Y[1] + p)
+        z2 += a * fast_maths.cos(kx * X[2] + ky * Y[2] + p)
+        z3 += a * fast_maths.cos(kx * X[3] + ky * Y[3] + p)
+        z4 += a * fast_maths.cos(kx * X[4] + ky * Y[4] + p)
     return ti.Vector([dx, dy, z1, z2, z3, z4])
 
 
@@ -100,7 +100,7 @@ def displacement_and_corners(around: ti.template(), count: ti.template(), e, X, 
     the half length `ahead` and the half beam `right` (vectors, m). `e` is the environment; the vehicles of a group
     (abreast.py) are taken one by one, with their components in lanes.
     """
-    turns = fast.INV_TWO_PI  # of angles, per radian
+    turns = fast_maths.INV_TWO_PI  # of angles, per radian
     x, y, f, g = turns * X, turns * Y, turns * ahead, turns * right
     if ti.static(is_laned(e)):
         found = [X * 0.0 for _ in ti.static(range(6))]
@@ -132,16 +132,16 @@ def _corner_sums(around: ti.template(), count: ti.template(), e, x, y, fx, fy, g
     r = ti.static(variables(6, around.waves[0] * 0.0))
     for c in range(ti.static(blocks(count))):
         a, kx, ky, omega, bx, by = component(around.waves, count, s, c, (AMPLITUDE, KX, KY, OMEGA, BX, BY))
-        middle = kx * x + ky * y + fast.INV_TWO_PI * (around.turns[e, c] - omega * tau)
+        middle = kx * x + ky * y + fast_maths.INV_TWO_PI * (around.turns[e, c] - omega * tau)
         ahead, right = kx * fx + ky * fy, kx * gx + ky * gy
         bow, stern = middle + ahead, middle - ahead
-        sine = fast.sin_turns(middle)
+        sine = fast_maths.sin_turns(middle)
         r[0] += bx * sine
         r[1] += by * sine
-        r[2] += a * fast.cos_turns(bow - right)
-        r[3] += a * fast.cos_turns(bow + right)
-        r[4] += a * fast.cos_turns(stern - right)
-        r[5] += a * fast.cos_turns(stern + right)
+        r[2] += a * fast_maths.cos_turns(bow - right)
+        r[3] += a * fast_maths.cos_turns(bow + right)
+        r[4] += a * fast_maths.cos_turns(stern - right)
+        r[5] += a * fast_maths.cos_turns(stern + right)
     return totals(r)
 
 
@@ -151,7 +151,7 @@ def jacobian(sea: ti.template(), phase: ti.template(), count: ti.template(), s, 
     jxx, jxy, jyy = X * 0.0 + 1.0, X * 0.0, X * 0.0 + 1.0
     for c in range(count):
         kx, ky = sea[s, KX, c], sea[s, KY, c]
-        cosine = fast.cos(kx * X + ky * Y + phase[row, c] - sea[s, OMEGA, c] * tau)
+        cosine = fast_maths.cos(kx * X + ky * Y + phase[row, c] - sea[s, OMEGA, c] * tau)
         jxx -= sea[s, BX, c] * kx * cosine
         jxy -= sea[s, BX, c] * ky * cosine
         jyy -= sea[s, BY, c] * ky * cosine
@@ -192,7 +192,7 @@ def slope_at_label(sea: ti.template(), phase: ti.template(), count: ti.template(
     zx, zy = X * 0.0, X * 0.0
     for c in range(count):
         a, kx, ky = sea[s, AMPLITUDE, c], sea[s, KX, c], sea[s, KY, c]
-        sine = fast.sin(kx * X + ky * Y + phase[row, c] - sea[s, OMEGA, c] * tau)
+        sine = fast_maths.sin(kx * X + ky * Y + phase[row, c] - sea[s, OMEGA, c] * tau)
         zx -= a * kx * sine
         zy -= a * ky * sine
     j = jacobian(sea, phase, count, s, row, X, Y, tau)
@@ -207,7 +207,7 @@ def surface_motion(sea: ti.template(), phase: ti.template(), count: ti.template(
     a = v
     for c in range(count):
         omega = sea[s, OMEGA, c]
-        sine, cosine = fast.sincos(sea[s, KX, c] * X + sea[s, KY, c] * Y + phase[row, c] - omega * tau)
+        sine, cosine = fast_maths.sincos(sea[s, KX, c] * X + sea[s, KY, c] * Y + phase[row, c] - omega * tau)
         bx, by, height = omega * sea[s, BX, c], omega * sea[s, BY, c], omega * sea[s, AMPLITUDE, c]
         v += ti.Vector([bx * cosine, by * cosine, -height * sine])
         a += omega * ti.Vector([bx * sine, by * sine, height * cosine])
@@ -224,7 +224,7 @@ def airy_at(sea: ti.template(), phase: ti.template(), count: ti.template(), s, r
     for c in range(count):
         k, omega = sea[s, K, c], sea[s, OMEGA, c]
         theta = sea[s, KX, c] * x + sea[s, KY, c] * y + phase[row, c] - omega * tau
-        sine, cosine = fast.sincos(theta)
+        sine, cosine = fast_maths.sincos(theta)
         decay = ti.exp(k * z)
         up, down = x * 0.0, x * 0.0
         if depth > 0:
@@ -262,7 +262,7 @@ def column_at_label(sea: ti.template(), phase: ti.template(), count: ti.template
     ax, ay, az = eta, eta, eta
     for c in range(count):
         k, omega = sea[s, K, c], sea[s, OMEGA, c]
-        sine, cosine = fast.sincos(sea[s, KX, c] * X + sea[s, KY, c] * Y + phase[row, c] - omega * tau)
+        sine, cosine = fast_maths.sincos(sea[s, KX, c] * X + sea[s, KY, c] * Y + phase[row, c] - omega * tau)
         level = ti.exp(k * below)  # cosh k(z' + depth) / cosh k depth
         upright = level  # sinh k(z' + depth) / sinh k depth
         if depth > 0:

@@ -17,7 +17,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from taichi_sim.kernels import fast
+from taichi_sim.kernels import fast_maths
 from taichi_sim.kernels.conventions import DOWN, EAST, GRAVITY, NORTH
 from taichi_sim.visualisation.film.camera import Array, FilmCamera
 from taichi_sim.visualisation.film.moment import Moment
@@ -81,7 +81,7 @@ def _place(
             kx, ky = waves[KX, k], waves[KY, k]
             apart = ti.max(ti.abs(kx * to_right[0] + ky * to_right[1]), ti.abs(kx * to_down[0] + ky * to_down[1]))
             share = ti.min(ti.max((GONE - apart) / (GONE - RESOLVED), 0.0), 1.0)
-            sine, cosine = fast.sincos_short(kx * place[0] + ky * place[1] + waves[PHASE, k])
+            sine, cosine = fast_maths.sincos_short(kx * place[0] + ky * place[1] + waves[PHASE, k])
             a, bx, by = share * waves[A, k], share * waves[BX, k], share * waves[BY, k]
             zeta += a * cosine
             sx += bx * sine

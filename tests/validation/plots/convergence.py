@@ -63,14 +63,14 @@ def _curves(axes: Axes, counts: list[int], errors: list[dict[tuple[str, int], fl
 
 def _computed(panels: int) -> HydroDatabase:
     """The boundary-element code's answer on so many panels, at the shipped database's resonances and some more."""
-    from taichi_sim.applications.hydro import floating_hull, make_database
+    from taichi_sim.applications.hydro import hull_input, make_database
     from taichi_sim.applications.hydro.frequency_sweep import require_capytaine
 
     try:
         code = require_capytaine()
     except MissingExtraError as error:
         raise TableError(str(error)) from None
-    craft, _ = floating_hull.of_vehicle(vehicle_file(HULL))
+    craft, _ = hull_input.of_vehicle(vehicle_file(HULL))
     shipped = HydroDatabase.read(vehicle_file(HULL).with_suffix(SUFFIX))
     w = np.asarray(shipped.settings["resonances"], dtype=float)
     spectrum = make_database.Spectrum(9, (BOUND[0] * w.min(), BOUND[1] * w.max()), tuple(w), HEADINGS)

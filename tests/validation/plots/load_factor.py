@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from taichi_sim.kernels.conventions import GRAVITY
-from taichi_sim.models.uav.fixed_wing.equations import loads, stall_angles
+from taichi_sim.models.uav.fixed_wing.airframe_arrays import loads, stall_angles
 from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.visualisation.plotting import INK, dress, new_figure
 from tests.validation.case import Folder

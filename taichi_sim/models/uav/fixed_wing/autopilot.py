@@ -34,7 +34,7 @@ from pydantic import Field
 
 from taichi_sim.config import Positive, Strict
 from taichi_sim.kernels.conventions import GRAVITY
-from taichi_sim.kernels.fast import at_most
+from taichi_sim.kernels.fast_maths import at_most
 
 Actions = Literal["guidance", "altitude", "surfaces"]
 ACTION_NAMES = {

@@ -30,8 +30,8 @@ from taichi_sim.models.uav.aircraft import STALL_TIME as STALL_TIME_NAME
 from taichi_sim.models.uav.aircraft import Aircraft
 from taichi_sim.models.uav.fixed_wing import actuators, autopilot
 from taichi_sim.models.uav.fixed_wing.airframe import aerodynamic_force, air_data, rk4, with_velocity
+from taichi_sim.models.uav.fixed_wing.airframe_arrays import derivatives, stall_angles
 from taichi_sim.models.uav.fixed_wing.autopilot import ACTION_NAMES, AutopilotParams
-from taichi_sim.models.uav.fixed_wing.equations import derivatives, stall_angles
 from taichi_sim.models.uav.fixed_wing.gains import gains, limits
 from taichi_sim.models.uav.fixed_wing.params import VARYING, FixedWingNumbers, FixedWingParams, aircraft_numbers
 from taichi_sim.models.uav.fixed_wing.trim import air_readings, largest_stable_dt, trim, trimmed

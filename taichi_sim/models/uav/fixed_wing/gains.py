@@ -24,8 +24,8 @@ import numpy as np
 
 from taichi_sim.config import ConfigError
 from taichi_sim.kernels.conventions import GRAVITY
+from taichi_sim.models.uav.fixed_wing.airframe_arrays import lift_curve, stall_angles
 from taichi_sim.models.uav.fixed_wing.autopilot import AutopilotGains, AutopilotLimits, AutopilotParams
-from taichi_sim.models.uav.fixed_wing.equations import lift_curve, stall_angles
 from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.models.uav.fixed_wing.trim import Trim, TrimError, linear_modes, trim
 from taichi_sim.vehicle import edge

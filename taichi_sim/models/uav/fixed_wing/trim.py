@@ -24,7 +24,7 @@ from taichi_sim.kernels.conventions import (
 )
 from taichi_sim.kernels.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.models.uav.aircraft import TrimError as TrimError
-from taichi_sim.models.uav.fixed_wing.equations import loads, rhs, stall_angles
+from taichi_sim.models.uav.fixed_wing.airframe_arrays import loads, rhs, stall_angles
 from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.models.uav.local_air import wind_at
 from taichi_sim.surroundings.around_vehicles import Surroundings

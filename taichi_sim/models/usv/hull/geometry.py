@@ -13,9 +13,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from taichi_sim.kernels import fast, runtime
+from taichi_sim.kernels import fast_maths, runtime
 from taichi_sim.kernels.conventions import AHEAD, STARBOARD
-from taichi_sim.models.usv.hull.hydrostatics import Hydrostatics
+from taichi_sim.models.usv.hull.calm_water import Hydrostatics
 from taichi_sim.models.usv.hull.mesh import HullShape, Panels, mesh
 
 Array = NDArray[np.float64]
@@ -255,7 +255,7 @@ def _polynomial(t: Array, values: Array, weight: Array, first: list[float], term
 def averages(rule: ti.template(), x):
     """M, and k S (rad/m), of a component of wavenumber k along the rule's direction; x = k rule.scale."""
     m, s = ti.static(rule.mean, rule.slope)
-    t = fast.at_most(x * x, 1.0)
+    t = fast_maths.at_most(x * x, 1.0)
     t2 = t * t
     # Estrin's scheme: the longest chain of operations sets the cost of a polynomial.
     mean_end = (m[4] + m[5] * t) + ((m[6] + m[7] * t) + m[8] * t2) * t2

@@ -49,8 +49,8 @@ from taichi_sim.kernels.rigid_body import angular, linear
 from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix, store
 from taichi_sim.kernels.runtime import array2, array3, whole1
 from taichi_sim.models.usv.hull import mmg_drive, motion, thruster_set, water
+from taichi_sim.models.usv.hull.calm_water import check_floats
 from taichi_sim.models.usv.hull.geometry import HullGeometry, device_table
-from taichi_sim.models.usv.hull.hydrostatics import check_floats
 from taichi_sim.models.usv.hull.mmg_drive import MmgDrive
 from taichi_sim.models.usv.hull.motion import largest_stable_dt, linear_motion, runge_kutta_step, strang_step
 from taichi_sim.models.usv.hull.params import Hull6DofParams, hull_numbers, symmetric, varying_keys, vector

@@ -57,7 +57,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
-from taichi_sim.kernels import fast
+from taichi_sim.kernels import fast_maths
 from taichi_sim.kernels.conventions import AMPLITUDE, KX, KY, OMEGA
 from taichi_sim.kernels.lanes import blocks, filled, laned, row_of, total, totals, variables
 from taichi_sim.kernels.rigid_body import linear, six, times
@@ -223,7 +223,7 @@ def diffracted(
     for c in range(ti.static(size)):
         a, kx, ky, omega = component(around.waves, build.components, s, c, (AMPLITUDE, KX, KY, OMEGA))
         here = row_of(n, heading) + c
-        sine, cosine = fast.sincos_short(around.turns[e, c] - omega * tau + kx * label[0] + ky * label[1])
+        sine, cosine = fast_maths.sincos_short(around.turns[e, c] - omega * tau + kx * label[0] + ky * label[1])
         turn = kx * velocity[0] + ky * velocity[1] - omega  # rate of the phase, rad/s
         for j in ti.static(range(6)):
             real = between(table, here + ti.static(j * size), heading, share)

@@ -15,7 +15,7 @@ d is the depth below the hull's mean surface plane. (Wheeler's stretching (1970,
 from the elevation at the point. Counting from the plane lets one exponential serve a whole line.) In finite depth the
 decay is exp(-omega^2/g d), because hulls lie near the surface. Waves are summed at the points of lines (`WaveLines`)
 and carried from there to the panels. On a panel the pressure is linear, and clipped at zero out of the water. The load
-is the sum of its averages over strips times constant unit wrenches (hydrostatics.py).
+is the sum of its averages over strips times constant unit wrenches (calm_water.py).
 
 Still water pushes a closed hull along the normal of its surface only, through the centroid of the wet volume. Where
 keels or decks cross the surface, strips miss that by their errors. The load of still water below the mean surface plane
@@ -33,13 +33,13 @@ import taichi as ti
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
-from taichi_sim.kernels import fast
+from taichi_sim.kernels import fast_maths
 from taichi_sim.kernels.abreast import taken2
 from taichi_sim.kernels.conventions import AMPLITUDE, BELOW, BX, BY, GRAVITY, KX, KY, OMEGA, RHO_SEA, K
 from taichi_sim.kernels.lanes import blocks, filled, laned, laned_totals, taken_lanes, total, totals, variables, width
 from taichi_sim.kernels.rigid_body import cross, six
+from taichi_sim.models.usv.hull.calm_water import Strips
 from taichi_sim.models.usv.hull.geometry import HullGeometry, averages, device_table
-from taichi_sim.models.usv.hull.hydrostatics import Strips
 from taichi_sim.surroundings.sea.waves import component
 
 SUMS = 18  # numbers that `at_centre` returns:
@@ -129,7 +129,7 @@ def corner_table(geometry: HullGeometry) -> NDArray[np.float64]:
     """Corner table, [CORNER_ROWS, corner]: positions (m, b) times SIDE, and SIDE: 1 in the design water, -1 above it.
 
     While every corner stays on its side, water lines cross panels from side to side, and strips are nearly exact
-    (hydrostatics.py). A corner of a panel that the design waterline crosses otherwise is on both sides, so never stays.
+    (calm_water.py). A corner of a panel that the design waterline crosses otherwise is on both sides, so never stays.
     """
     corner = geometry.panels.corners.round(CORNER_DIGITS)
     side = np.sign(corner[..., BELOW])
@@ -177,17 +177,17 @@ def at_centre(
     cos_v, sin_v = cos_h * gauge.across.scale, sin_h * gauge.across.scale
     for c in range(ti.static(blocks(count))):
         a, kx, ky, k, omega, bx, by = component(sea, count, s, c, (AMPLITUDE, KX, KY, K, OMEGA, BX, BY))
-        sine, cosine = fast.sincos_short(phase[row, c] - omega * tau + kx * X + ky * Y)
+        sine, cosine = fast_maths.sincos_short(phase[row, c] - omega * tau + kx * X + ky * Y)
         mean_u, slope_u = averages(gauge.along, kx * cos_u + ky * sin_u)
         mean_v, slope_v = averages(gauge.across, ky * cos_v - kx * sin_v)
         slope_u *= mean_v
         slope_v *= mean_u
         mean = mean_u * mean_v
-        decay = fast.exp_decay(k * gauge.depth)
+        decay = fast_maths.exp_decay(k * gauge.depth)
         decay_h = decay
         if ti.static(finite):
-            decay_h = fast.exp_decay(omega * omega * ti.static(gauge.depth / GRAVITY))
-            decay = fast.exp_decay(k * k * ti.static(gauge.depth * GRAVITY) / (omega * omega))
+            decay_h = fast_maths.exp_decay(omega * omega * ti.static(gauge.depth / GRAVITY))
+            decay = fast_maths.exp_decay(k * k * ti.static(gauge.depth * GRAVITY) / (omega * omega))
         speed_h, speed = mean * decay_h * omega, a * decay * omega
         # All terms are computed before the first sum: many live values keep LLVM from interleaving iterations, which
         # would spill registers.
@@ -379,15 +379,15 @@ def along_lines(
             rate = omega * omega * ti.static(1 / GRAVITY)
         # Half a turn also gives the mean over a step's length, by its sinc. Waves shorter than a step cancel.
         turn, k_across = kx * step[0] + ky * step[1], kx * across[0] + ky * across[1]
-        half = fast.at_least(fast.at_most(0.5 * turn, HALF_TURN), -HALF_TURN)
-        sinc, half_cosine = fast.sinc_short(half), fast.cos_short(half)
+        half = fast_maths.at_least(fast_maths.at_most(0.5 * turn, HALF_TURN), -HALF_TURN)
+        sinc, half_cosine = fast_maths.sinc_short(half), fast_maths.cos_short(half)
         half_sine = half * sinc
         cosine_step, sine_step = 1 - 2 * half_sine * half_sine, 2 * half_sine * half_cosine
         amplitude, begin = a * sinc, around.turns[e, c] - omega * tau
         for n in ti.static(range(len(starts))):
             X, Y, depth, deeper = starts[n][0], starts[n][1], starts[n][2], starts[n][3]
-            sine, cosine = fast.sincos_short(begin + kx * X + ky * Y)
-            decayed, m = amplitude * fast.exp_decay(rate * depth), fast.exp_near_one(rate * deeper)
+            sine, cosine = fast_maths.sincos_short(begin + kx * X + ky * Y)
+            decayed, m = amplitude * fast_maths.exp_decay(rate * depth), fast_maths.exp_near_one(rate * deeper)
             re, im, step_re, step_im = decayed * cosine, decayed * sine, m * cosine_step, m * sine_step
             for i in ti.static(range(points)):
                 at = ti.static(n * points + i)
@@ -401,9 +401,9 @@ def along_lines(
 @ti.func
 def strip_moments(p_c, d):
     """hydrostatics.pressure_moments, split into the head up to 2 |d| (a ramp that begins in the strip) and the rest."""
-    size = fast.at_least(d, 0.0 - d)
-    wet = fast.at_least(p_c + size, 0.0)
-    ramp = fast.at_most(wet, 2 * size)
+    size = fast_maths.at_least(d, 0.0 - d)
+    wet = fast_maths.at_least(p_c + size, 0.0)
+    ramp = fast_maths.at_most(wet, 2 * size)
     over = wet - ramp
     inverse = 1.0 / (2 * size + 1e-12)
     w = ramp * inverse
@@ -453,7 +453,7 @@ def panel_load(sizes: ti.template(), tables: ti.template(), rows: ti.template(),
     for c in range(ti.static(blocks(sizes.corners))):
         at = c * CORNER_ROWS
         kept = along(corners, at, slope_b) + corners[at + SIDE] * depth
-        crossed += fast.at_least(0.0 - kept, 0.0)
+        crossed += fast_maths.at_least(0.0 - kept, 0.0)
     if total(crossed) > 0.0:
         rest = still_remainder(sizes, panels, depth, slope_b)
         for j in ti.static(range(6)):

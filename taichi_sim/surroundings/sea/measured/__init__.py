@@ -1,6 +1,6 @@
 """Measured seas: directional spectra from buoys and wave models, and wave components drawn from them.
 
-files.py     opens the file of `sea.spectrum` and selects its records
+open_file.py     opens the file of `sea.spectrum` and selects its records
 ndbc.py      reads text files of the US National Data Buoy Center
 netcdf.py    reads netCDF of wave models, NDBC and CDIP
 spotter.py   reads JSON and CSV of Sofar's Spotter
@@ -9,7 +9,7 @@ spectra.py   what these readers give, and the gate that it passes
 record.py    one sea state: density, directions from their first moments, statistics; wave components drawn from it
 """
 
-from taichi_sim.surroundings.sea.measured.files import SpectraFile, open_spectra, records_of
+from taichi_sim.surroundings.sea.measured.open_file import SpectraFile, open_spectra, records_of
 from taichi_sim.surroundings.sea.measured.record import MeasuredSystem, Realised, WaveRecord, band_moments, realised
 
 __all__ = [

@@ -10,7 +10,7 @@ pitch follow the plane through the elevations under the four corners of the wate
 
 import taichi as ti
 
-from taichi_sim.kernels import fast
+from taichi_sim.kernels import fast_maths
 from taichi_sim.kernels.abreast import put
 from taichi_sim.kernels.conventions import EAST, ELEVATION, GRAVITY, NORTH, PITCH_RATE, QW, SURGE, SWAY, YAW_RATE
 from taichi_sim.kernels.position import move
@@ -79,7 +79,7 @@ def elevations(
 
     The waterplane has `length` and `beam` (m); the control step began at `start` (m, n), `tau` (s) ago.
     """
-    sine, cosine = fast.sincos(s[2])
+    sine, cosine = fast_maths.sincos(s[2])
     x, y = start[0] + s[0] + D[0], start[1] + s[1] + D[1]
     fx, fy = 0.5 * length * cosine, 0.5 * length * sine
     gx, gy = -0.5 * beam * sine, 0.5 * beam * cosine
@@ -151,7 +151,7 @@ def write_rates(out: ti.template(), n, y, s, rate, V_c):
 
     Rates of heave, roll and pitch stay as they are.
     """
-    sine, cosine = fast.sincos(s[2])
+    sine, cosine = fast_maths.sincos(s[2])
     u_c, v_c = cosine * V_c[0] + sine * V_c[1], cosine * V_c[1] - sine * V_c[0]
     turn = ti.Vector([y[QW] * 0.0, y[QW] * 0.0, y[QW] * 0.0, 0.5 * s[5]])  # about the vertical
     q_dot = quaternion_product(turn, quaternion_of(y))

@@ -9,15 +9,15 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from rl.guidance.geometry import wrap
 from rl.guidance.observations import squashed
 from rl.guidance.rewards import paid
+from rl.guidance.targets_and_errors import wrap
 from rl.missions.landing import rewards
 from rl.missions.landing.boats import COURSE, SPEED, Boats
 from rl.missions.landing.config import LandingTeam
 from rl.missions.landing.deck_motion import DeckMotion
+from rl.missions.landing.host import Parts
 from rl.missions.landing.level_frame import into_level
-from rl.missions.landing.parts import Parts
 from rl.perception.due import Due
 from rl.step import Endings
 from rl.team import Controller, Team

@@ -9,14 +9,14 @@ from pydantic import TypeAdapter
 
 from taichi_sim.applications.hydro import mesh_check, mesh_file
 from taichi_sim.applications.hydro.offsets import offsets
-from taichi_sim.applications.hydro.panels import Z_UP, wetted
+from taichi_sim.applications.hydro.panelling import Z_UP, wetted
 from taichi_sim.applications.hydro.wetted_surface import WettedSurface, X, mirrored
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder, read_toml, validate, with_tuples
 from taichi_sim.kernels.conventions import RHO_SEA
 from taichi_sim.kernels.rigid_body import rigid_body_mass
+from taichi_sim.models.usv.hull.calm_water import Hydrostatics
 from taichi_sim.models.usv.hull.database import SUFFIX, HydroDatabase
-from taichi_sim.models.usv.hull.hydrostatics import Hydrostatics
 from taichi_sim.models.usv.hull.mesh import HullShape, Panels, StationsHull, mesh
 from taichi_sim.models.usv.hull.params import RigidBody
 

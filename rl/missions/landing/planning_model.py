@@ -17,7 +17,7 @@ from rl.missions.landing.aircraft import Aircraft
 from rl.missions.landing.config import LandingScenario
 from rl.missions.landing.deck_motion import Decks
 from rl.missions.landing.foresight import Foresight
-from rl.missions.landing.parts import Parts
+from rl.missions.landing.host import Parts
 from rl.perception.contacts import SensorsConfig
 from rl.perception.due import Due
 from rl.perception.radio import RadioConfig

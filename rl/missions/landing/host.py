@@ -9,7 +9,7 @@ from rl.team import Host
 
 
 class Parts(Host, Protocol):
-    """What the mission, and the model of it (imagined.py), share with their teams; `hs` is [env], m, live."""
+    """What the mission, and the model of it (planning_model.py), share with their teams; `hs` is [env], m, live."""
 
     hs: Tensor
 
