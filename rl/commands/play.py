@@ -27,7 +27,7 @@ def parser() -> argparse.ArgumentParser:
         default=None,
         metavar="PLACE",
         help="FILE.rrd for rerun, FILE.mcap for ROS 2 and Foxglove, FOLDER/ for a rosbag2 folder (a name without a "
-        "suffix, or one that ends with a slash); default: RUN/play-SEED.rrd",
+        "suffix, or one that ends with a slash); default: RUN/play-SEED.rrd, or SCENARIO-SEED.rrd here",
     )
     p.add_argument(
         "--origin",
@@ -80,8 +80,11 @@ def main(argv: list[str] | None = None) -> None:
         refuse_used(args.port)
     number = shared.recall(args)
     config, source, policies, seed = shared.open_run(args)
+    place = args.run / (f"play-{seed}.rrd" if number is None else recording_name(args.controller, args.shown))
+    if not shared.is_run(args.run):
+        place = Path(f"{config.name}-{seed}.rrd")
     if args.out is not None or not args.film:
-        refuse_unwritable(output.place or args.run)
+        refuse_unwritable(output.place or place)
     how = {"size": args.film_size, "fps": args.film_fps, "speed": args.film_speed, "view": args.film_view}
     if args.film:
         check_film(args.film, **how, teams=config.teams, columns=2 if args.beside else 1)
@@ -95,14 +98,13 @@ def main(argv: list[str] | None = None) -> None:
         print(f"{event.time_s:7.1f} s  {event.text}")
     shown: Episode | dict[str, Episode] = episode
     if args.beside is not None:
-        other = record(shared.trained_teams(args.beside, args.run, config))
+        other = record(shared.controllers_of(args, args.beside, config, source))
         shown = {title(args.beside): other, title(args.controller): episode}
     if args.film:
         print(f"film: {write_film(shown, args.film, **how, show_progress=not args.quiet)}")
         if args.out is None:
             return
-    default = f"play-{seed}.rrd" if number is None else recording_name(args.controller, args.shown)
-    path = output.write(shown, output.place or args.run / default)
+    path = output.write(shown, output.place or place)
     print(f"recording: {output.reader} {shlex.quote(str(path))}")
 
 
