@@ -1,5 +1,5 @@
-"""Ship trained policies: configs/policies/NAME holds an ONNX file for each team, and policies.json, which says how they were
-trained, what they observe, their sums, and their figures on the scenario's held-out episodes.
+"""Ship trained policies: configs/policies/NAME holds an ONNX file for each team, and policies.json, which says how they
+were trained, what they observe, their sums, and their figures on the scenario's held-out episodes.
 
 python tools/ship_policies.py RUN                ships the policies of a run; RUN RUN: of each, a later one counts
 python tools/ship_policies.py --remake           trains all shipped policies anew, by their own commands, and ships them
