@@ -160,5 +160,10 @@ def test_play_of_a_scenario_writes_here(here, tmp_path, monkeypatch):
     ending = here("rl.commands.play", "paper", "--policy", str(tiny_run()), "--duration", "0.5", *few)
     assert ending.status == 0, ending.err
     assert [file.name for file in tmp_path.iterdir()] == ["paper-1000.rrd"]
+    ghost = ("--policy", str(tiny_run()), "--ghost", "classical", "--duration", "0.5", *few)
+    assert here("rl.commands.play", "paper", *ghost, "--out", "ghost.rrd").status == 0
+    assert (tmp_path / "ghost.rrd").stat().st_size > (tmp_path / "paper-1000.rrd").stat().st_size
+    here("rl.commands.play", "paper", *ghost, "--out", "ghost.mcap").fails("--ghost: needs a recording for rerun")
+    here("rl.commands.play", "paper", *ghost[2:], "--controller", "classical").fails("--ghost classical", "already")
     here("rl.commands.play", "paper", "--worst").fails("--worst", "a run's folder alone")
     here("rl.commands.play", "paper", "--controller", "untrained").fails("only a run's folder")
