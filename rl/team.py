@@ -69,7 +69,8 @@ class Team(Remembers, Generic[M, S]):
 
     Type parameters: what the team asks of its mission, and the class of its section of the scenario.
 
-    Class attribute: `logged`, the names that `log` returns.
+    Class attributes: `logged`, the names that `log` returns; `meanings`, term of `observe` -> what it is, with unit and
+    scale, for users of the policy (`taichi-sim describe`).
 
     Attributes:
         mission: the mission. name: of the team. section: the team's section of the scenario. fleet: the vehicles.
@@ -77,6 +78,7 @@ class Team(Remembers, Generic[M, S]):
     """
 
     logged: ClassVar[tuple[str, ...]] = ()
+    meanings: ClassVar[Mapping[str, str]] = {}
 
     def __init__(self, mission: M, name: str):
         """Make team `name` of a mission whose world exists."""

@@ -150,6 +150,7 @@ NEEDS = {
     "taichi-sim sitl": "an autopilot at the other end: test_sitl.py",
     "--live": "a viewer: test_live.py",
     "--watch": "a viewer: test_watch.py",
+    "taichi-sim score": "policies that fit its tasks: test_benchmark_tasks.py, test_interfaces.py",
     "HOST": "several machines: test_processes.py",
     "esso_osaka": "logs of others",
 }

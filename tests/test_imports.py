@@ -53,7 +53,15 @@ LAYERS = (
     ("rl.runs",),
     ("rl.adapters",),
     ("rl.commands.shared",),
-    ("rl.train", "rl.commands.evaluate", "rl.commands.tune", "rl.commands.play", "rl.commands.report"),
+    (
+        "rl.train",
+        "rl.commands.evaluate",
+        "rl.commands.tune",
+        "rl.commands.play",
+        "rl.commands.report",
+        "rl.commands.score",
+        "rl.commands.describe",
+    ),
     ("rl.commands",),
     ("tools",),
 )
@@ -62,7 +70,15 @@ STRANGERS = (
     {"taichi_sim.surroundings.sea", "taichi_sim.surroundings.air"},
     {"taichi_sim.models.usv", "taichi_sim.models.uav"},
     {"taichi_sim.applications.bench", "taichi_sim.visualisation.recording"},
-    {"rl.train", "rl.commands.evaluate", "rl.commands.tune", "rl.commands.play", "rl.commands.report"},
+    {
+        "rl.train",
+        "rl.commands.evaluate",
+        "rl.commands.tune",
+        "rl.commands.play",
+        "rl.commands.report",
+        "rl.commands.score",
+        "rl.commands.describe",
+    },
 )
 PACKAGES = ("taichi_sim", "rl", "tools")
 

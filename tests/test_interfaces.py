@@ -1,4 +1,6 @@
-"""docs/interfaces.md: its examples, run as they are written, from a folder outside the repository."""
+"""docs/interfaces.md and docs/benchmark.md: their examples, run as they are written, from a folder outside the
+repository.
+"""
 
 import re
 import subprocess
@@ -7,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "interfaces.md"
+PAGES = [Path(__file__).resolve().parents[1] / "docs" / name for name in ("interfaces.md", "benchmark.md")]
 BLOCK = re.compile(r"^```\w+ file=(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-EXAMPLES = dict(BLOCK.findall(PAGE.read_text(encoding="utf-8")))
+EXAMPLES = dict(block for page in PAGES for block in BLOCK.findall(page.read_text(encoding="utf-8")))
 JUDGED = re.compile(r"^(before|after): reward (\S+), (\S+) m", re.MULTILINE)
 
 pytestmark = pytest.mark.slow
@@ -25,7 +27,8 @@ def run(folder: Path, name: str, *arguments: str) -> str:
 
 def test_every_example_is_run():
     assert set(EXAMPLES) == {
-        "gymnasium_boats.py", "pettingzoo_escort.py", "batched_escort.py", "sb3_boats.py", "skrl_boats.py"
+        "gymnasium_boats.py", "pettingzoo_escort.py", "batched_escort.py", "sb3_boats.py", "skrl_boats.py",
+        "sb3_export.py", "skrl_export.py",
     }  # fmt: skip
 
 
@@ -53,3 +56,21 @@ def test_boats_learn_to_follow(tmp_path, name, package, steps):
     assert reward["after"] > reward["before"] + 1.0
     assert distance["before"] > 20.0
     assert distance["after"] < 3.0
+
+
+@pytest.mark.parametrize(
+    ("library", "package", "steps"), [("sb3", "stable_baselines3", "2048"), ("skrl", "skrl", "24")]
+)
+def test_policies_of_other_libraries_are_scored(tmp_path, library, package, steps):
+    """After hardly any training, which is told as it is: no better than the classical controller."""
+    pytest.importorskip(package)
+    (tmp_path / f"{library}_boats.py").write_text(EXAMPLES[f"{library}_boats.py"], encoding="utf-8")
+    run(tmp_path, f"{library}_export.py", steps)
+    words = ("score", "paper-v1", "--policy", f"usv={library}.onnx", "--quiet")
+    done = subprocess.run(
+        [sys.executable, "-m", "rl.commands.main", *words], cwd=tmp_path, capture_output=True, text=True, timeout=900
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "names no observations" in done.stderr
+    times = re.match(r"paper-v1, usv: no score .*; (\S+) \(.* times the classical team_error_m", done.stdout)
+    assert times and (times[1] == "-" or float(times[1]) > 1)  # -: all lost before errors count

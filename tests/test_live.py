@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import time
+import urllib.request
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +19,8 @@ from test_recording import column
 from test_recording_parts import STEPS, busy, part
 
 from taichi_sim.visualisation.recording import live as live_module
-from taichi_sim.visualisation.recording.live import Live, program
+from taichi_sim.visualisation.recording.live import Live, program, serve_web
+from taichi_sim.visualisation.recording.rrd import write_recording
 
 WAITS_S = 30.0  # a call that waits for a server waits for ever; a busy machine takes some seconds
 
@@ -131,3 +133,29 @@ def test_a_port_in_use_is_refused_by_name(live: Live) -> None:
     with pytest.raises(OSError, match=f"port {port}.*--port") as refused:
         Live("other", port=port, viewer=False)
     assert refused.value.errno == errno.EADDRINUSE
+
+
+@pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="it is asked of Linux who listens where")
+def test_a_recording_is_served_to_browsers_on_this_machine_alone(tmp_path: Path) -> None:
+    port, web = free_port(), free_port()
+    server, url = serve_web(write_recording(busy(), tmp_path / "busy.rrd"), port, web)
+    with urllib.request.urlopen(url, timeout=WAITS_S) as page:
+        assert b"rerun" in page.read().lower()
+    lines = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    places = [line[1].split(":") for line in lines if line[3] == "0A"]
+    assert {at for at, number in places if int(number, 16) in (port, web)} == {"0100007F"}
+    with pytest.raises(OSError, match=f"port {web} cannot be had"):
+        serve_web(tmp_path / "busy.rrd", free_port(), web)
+    assert server.stdin is not None
+    server.stdin.close()
+    server.wait(WAITS_S)
+
+
+def test_a_ghost_sails_in_the_same_scene(tmp_path: Path) -> None:
+    other = part(busy(), 0, 20)  # it ended early
+    file = write_recording(replace(busy(), ghost=other), tmp_path / "ghost.rrd")
+    _, steps, place = column(file, "/world/usv/ghost_0", "Transform3D:translation")
+    np.testing.assert_array_equal(steps, np.arange(20))
+    north, east, down = other.teams["usv"].position_n[:, 0].T
+    np.testing.assert_array_equal(place, np.stack([east, north, -down], 1).astype(np.float32))
+    assert len(column(file, "/world/usv/vehicle_0", "Transform3D:translation")[1]) == STEPS

@@ -32,6 +32,7 @@ from rl.scenario import Scenario
 from taichi_sim.config.arguments import ActionError, Envs, checked_action, environments, numbers, whole_number
 from taichi_sim.config.explain_errors import nearly
 from taichi_sim.config.io import find_config
+from taichi_sim.config.plugins import is_plugin
 from taichi_sim.kernels import runtime
 
 if TYPE_CHECKING:  # rsl-rl doubles the time to import: only a frozen policy needs it
@@ -39,7 +40,10 @@ if TYPE_CHECKING:  # rsl-rl doubles the time to import: only a frozen policy nee
 
 ByTeam = dict[str, Tensor]
 ABSENT = "absent"
-OTHERS = f"{ABSENT!r}, 'constant', 'classical', or the path of a run folder or of a checkpoint in one"
+OTHERS = (
+    f"{ABSENT!r}, 'constant', 'classical', 'pretrained', FILE.onnx, module:function, or the path of a run folder or of "
+    "a checkpoint in one"
+)
 
 
 class Stepped(NamedTuple):
@@ -88,9 +92,9 @@ class BatchedEnv:
             num_envs: number of environments.
             teams: the teams that act. Default: all teams that the scenario's stages train (without stages: all teams)
                 and that `others` does not name.
-            others: team -> policy: "absent" (not simulated), "constant" (every command 0), "classical", or the path of
-                a run folder or of a checkpoint in one, whose frozen policy acts. A team that neither `teams` nor
-                `others` names is absent.
+            others: team -> policy: "absent" (not simulated), "constant" (every command 0), "classical", a source
+                of rl/learn/policy_sources.py ("pretrained", "FILE.onnx", a run's folder), or a checkpoint in a run's
+                folder. A team that neither `teams` nor `others` names is absent.
             overrides: KEY=VALUE each.
             seed: of the worlds; default the scenario's.
             autoreset: described above.
@@ -264,6 +268,10 @@ def policy_of_other(other: str | Path, team: Team, config: Scenario, argument: s
         from rl.learn.policy import ClassicalPolicy
 
         policy: Policy = ClassicalPolicy()
+    elif str(other) == "pretrained" or str(other).endswith(".onnx") or is_plugin(str(other)):
+        from rl.learn.policy_sources import policies_from
+
+        policy = policies_from([str(other)], config, [team.name])[team.name]
     else:
         policy = _trained_policy(Path(other), team.name, config, argument)
     given, taken = policy(team).shape[-1], len(team.fleet.model.action_names)

@@ -86,8 +86,9 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             scenario: a TOML file or the name of a shipped scenario.
             overrides: KEY=VALUE each.
             seed: of the worlds; default the scenario's.
-            other: policy of the other teams: "absent" (not simulated), "constant" (every command 0), "classical", or
-                the path of a run folder or of a checkpoint in one, whose frozen policy acts.
+            other: policy of the other teams: "absent" (not simulated), "constant" (every command 0), "classical", a
+                source of rl/learn/policy_sources.py ("pretrained", "FILE.onnx", a run's folder), or a checkpoint in a
+                run's folder.
             autoreset_mode: described above.
             render_mode: None, "rgb_array" (`render` returns a picture of each environment), or "human" (a window).
             render_size: width and height of each picture, px. Default: 640x480 for one environment, smaller for more.

@@ -59,11 +59,12 @@ def units(args: argparse.Namespace) -> int:
     Raises:
         ConfigError, RunError: if the arguments cannot be used.
     """
+    from rl.commands import shared
     from rl.evaluation.episodes import CHUNK
     from rl.evaluation.sweeps import count_cells, find_sweep, load_sweep
     from rl.runs import folder as run_folder
 
-    config, _ = run_folder.load_config(args.run, args.overrides, args.config)
+    config, _ = shared.scenario_of(args)
     if not args.sweep:
         return -(-(args.episodes or config.evaluation.episodes) // CHUNK)
     if args.json:
@@ -93,6 +94,8 @@ def evaluate(args: argparse.Namespace) -> None:
         print(json.dumps(outcome.result, indent=2))
         if args.json:
             run_folder.write_json(args.json, outcome.result)
+        if args.policy or not shared.is_run(args.run):  # a run's folder holds what its own policies did
+            return
         try:
             save_evaluation(args.run, outcome, args.config, args.overrides)
         except OSError as error:  # the folder may be read-only

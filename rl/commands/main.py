@@ -14,6 +14,8 @@ SCRIPTS = {  # name -> module, further arguments, description
     "train": ("rl.train", (), "train the teams of a scenario, evaluate, record, report"),
     "evaluate": ("rl.commands.evaluate", (), "judge a run's policies on unseen episodes"),
     "sweep": ("rl.commands.evaluate", ("--sweep",), "the same under many conditions, beside the classical controller"),
+    "score": ("rl.commands.score", (), "score a policy in a task of the benchmark: 0 classical, 100 oracle"),
+    "describe": ("rl.commands.describe", (), "inputs and outputs of the policies of a task or a scenario"),
     "play": ("rl.commands.play", (), "record, film or watch an episode"),
     "report": ("rl.commands.report", (), "write report.html of a run again, or one that compares two runs"),
     "tune": ("rl.commands.tune", (), "search for the numbers of a classical controller"),

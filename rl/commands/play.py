@@ -3,6 +3,7 @@
 import argparse
 import shlex
 import sys
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -27,7 +28,7 @@ def parser() -> argparse.ArgumentParser:
         default=None,
         metavar="PLACE",
         help="FILE.rrd for rerun, FILE.mcap for ROS 2 and Foxglove, FOLDER/ for a rosbag2 folder (a name without a "
-        "suffix, or one that ends with a slash); default: RUN/play-SEED.rrd",
+        "suffix, or one that ends with a slash); default: RUN/play-SEED.rrd, or SCENARIO-SEED.rrd here",
     )
     p.add_argument(
         "--origin",
@@ -37,18 +38,34 @@ def parser() -> argparse.ArgumentParser:
         metavar=("LAT", "LON"),
         help="latitude and longitude of a bag's origin, degrees (default: 63.48 10.40)",
     )
-    p.add_argument(
-        "--beside",
-        choices=shared.CONTROLLERS,
-        default=None,
-        help="show the same episode with this controller on the left",
-    )
+    other = p.add_mutually_exclusive_group()
+    for name, text in (("beside", "on the left"), ("ghost", "as pale vehicles in the same scene")):
+        other.add_argument(
+            f"--{name}",
+            choices=shared.CONTROLLERS,
+            default=None,
+            help=f"show the same episode with this controller {text}",
+        )
     shared.add_film(p)
     p.add_argument("--live", action="store_true", help="show the episode in a rerun viewer while it is simulated")
     p.add_argument(
+        "--web",
+        type=shared.positive_int,
+        nargs="?",
+        const=9090,
+        default=None,
+        metavar="PORT",
+        help="then serve the recording to browsers on this machine until Ctrl-C (default port: 9090)",
+    )
+    p.add_argument(
         "--speed", type=shared.positive_float, default=1.0, help="speed of --live relative to real time (default: 1)"
     )
-    p.add_argument("--port", type=shared.positive_int, default=9876, help="port of --live (default: %(default)s)")
+    p.add_argument(
+        "--port",
+        type=shared.positive_int,
+        default=9876,
+        help="port of --live, and of the data of --web (default: %(default)s)",
+    )
     p.add_argument(
         "--duration",
         type=shared.positive_float,
@@ -70,18 +87,24 @@ def main(argv: list[str] | None = None) -> None:
     from taichi_sim.config.io import refuse_unwritable
     from taichi_sim.visualisation.film.files import check_film, write_film
     from taichi_sim.visualisation.recording import Episode
+    from taichi_sim.visualisation.recording.live import serve_web
 
     output = output_of(args.out, args.origin, show_progress=not args.quiet)
-    if args.beside and output.reader != "rerun":
-        raise RunError("--beside: a bag holds one episode: --out FILE.rrd")
-    if args.beside == args.controller:
-        raise RunError(f"--beside {args.beside}: that is what --controller shows already; give another controller")
-    if args.live:
-        refuse_used(args.port)
+    given = {"beside": args.beside, "ghost": args.ghost, "web": args.web}
+    name, other = next(((name, value) for name, value in given.items() if value), ("", None))
+    if other and (output.reader != "rerun" or (args.film and args.out is None and not args.beside)):
+        raise RunError(f"--{name}: needs a recording for rerun: --out FILE.rrd")
+    if (args.beside or args.ghost) == args.controller:
+        raise RunError(f"--{name} {other}: that is what --controller shows already; give another controller")
+    for port in ([args.port] if args.live or args.web else []) + ([args.web] if args.web else []):
+        refuse_used(port)
     number = shared.recall(args)
     config, source, policies, seed = shared.open_run(args)
+    place = args.run / (f"play-{seed}.rrd" if number is None else recording_name(args.controller, args.shown))
+    if not shared.is_run(args.run):
+        place = Path(f"{config.name}-{seed}.rrd")
     if args.out is not None or not args.film:
-        refuse_unwritable(output.place or args.run)
+        refuse_unwritable(output.place or place)
     how = {"size": args.film_size, "fps": args.film_fps, "speed": args.film_speed, "view": args.film_view}
     if args.film:
         check_film(args.film, **how, teams=config.teams, columns=2 if args.beside else 1)
@@ -95,15 +118,20 @@ def main(argv: list[str] | None = None) -> None:
         print(f"{event.time_s:7.1f} s  {event.text}")
     shown: Episode | dict[str, Episode] = episode
     if args.beside is not None:
-        other = record(shared.trained_teams(args.beside, args.run, config))
+        other = record(shared.controllers_of(args, args.beside, config, source))
         shown = {title(args.beside): other, title(args.controller): episode}
+    if args.ghost is not None:
+        shown = replace(episode, ghost=record(shared.controllers_of(args, args.ghost, config, source)))
     if args.film:
         print(f"film: {write_film(shown, args.film, **how, show_progress=not args.quiet)}")
         if args.out is None:
             return
-    default = f"play-{seed}.rrd" if number is None else recording_name(args.controller, args.shown)
-    path = output.write(shown, output.place or args.run / default)
+    path = output.write(shown, output.place or place)
     print(f"recording: {output.reader} {shlex.quote(str(path))}")
+    if args.web:
+        server, url = serve_web(path, args.port, args.web)
+        print(f"web: {url} (Ctrl-C ends)", flush=True)
+        server.wait()
 
 
 if __name__ == "__main__":

@@ -81,8 +81,21 @@ def tell_corrected(config) -> None:
 
 
 def add_run(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of commands on a finished run: RUN, --controller, --seed, --config, and the common ones."""
-    parser.add_argument("run", type=Path, metavar="RUN", help="run folder of rl/train.py")
+    """Add the arguments of commands on policies: RUN, --policy, --controller, --seed, --config, and the common ones."""
+    parser.add_argument(
+        "run",
+        type=Path,
+        metavar="RUN",
+        help="run folder of rl/train.py, or a scenario (file, or a shipped one's name)",
+    )
+    parser.add_argument(
+        "--policy",
+        action="append",
+        default=[],
+        metavar="[TEAM=]POLICY",
+        help="a run's folder, pretrained, FILE.onnx or module:function; repeatable; teams without one act by their "
+        "classical controller (default: the run's own policies; for a scenario, pretrained: those of the package)",
+    )
     parser.add_argument(
         "--controller",
         choices=CONTROLLERS,
@@ -96,35 +109,90 @@ def add_run(parser: argparse.ArgumentParser) -> None:
     add_common(parser)
 
 
-def open_run(args: argparse.Namespace):
-    """Start Taichi; return the scenario of `args.run`, its file, the teams' policies, and the seed of the episodes."""
-    from rl.runs import folder as run_folder
+def is_run(place: Path) -> bool:
+    """Whether a command's argument RUN is a run's folder, not a scenario."""
+    from rl.runs.folder import CONFIG
 
-    config, source = run_folder.load_config(args.run, args.overrides, args.config)
+    return (place / CONFIG).is_file()
+
+
+def scenario_of(args: argparse.Namespace):
+    """The scenario of the arguments, and its file.
+
+    Raises:
+        RunError: if RUN is neither a run's folder nor a scenario.
+    """
+    from rl.missions import load_scenario
+    from rl.runs import folder as run_folder
+    from taichi_sim.config import ConfigError
+    from taichi_sim.config.io import find_config
+
+    if is_run(args.run):
+        return run_folder.load_config(args.run, args.overrides, args.config)
+    try:
+        source = find_config(args.run)
+    except ConfigError as error:
+        raise run_folder.RunError(
+            f"{args.run}: not a run folder (no {run_folder.CONFIG} in it), nor a scenario: {error}"
+        ) from None
+    source = source if args.config is None else find_config(args.config)
+    return load_scenario(source, args.overrides), source
+
+
+def open_run(args: argparse.Namespace):
+    """Start Taichi; return the scenario of the arguments, its file, the teams' policies, the seed of the episodes."""
+    config, source = scenario_of(args)
     start(args)
     of_worlds = config.evaluation.seed if args.seed is None else args.seed
     if args.controller == "plan":
         args.controller = "oracle"
-    return config, source, trained_teams(args.controller, args.run, config), of_worlds
+    return config, source, controllers_of(args, args.controller, config, source), of_worlds
 
 
-def trained_teams(kind: str, run: Path, config) -> dict:
-    """Policies of `kind` (rl.learn.policy.policies_of) for the teams that some stage trains: team -> policy."""
+def controllers_of(args: argparse.Namespace, kind: str, config, source: Path) -> dict:
+    """What controls the teams that some stage trains, of `kind` (rl.learn.policy.policies_of): team -> policy.
+
+    Raises:
+        RunError: if --policy and --controller exclude each other, or a scenario has no untrained policy.
+    """
     from rl.learn.policy import policies_of
+    from rl.learn.policy_sources import PRETRAINED, policies_from
+    from rl.runs.folder import RunError
 
-    return {name: of for name, of in policies_of(kind, run, config).items() if name in config.trained}
+    if args.policy and args.controller != "policy":
+        raise RunError(f"--policy {args.policy[0]}: --controller {args.controller} controls: leave one of them out")
+    if kind == "untrained" and not is_run(args.run):
+        raise RunError(f"{args.run}: only a run's folder holds untrained policies")
+    if kind == "policy" and not args.policy:
+        return policies_from([str(args.run) if is_run(args.run) else PRETRAINED], config)
+    found = policies_of("classical" if kind == "policy" else kind, args.run, config)
+    if kind == "policy":
+        given = policies_from(args.policy, config, beside=[source.parent])
+        tell_unnamed(given)
+        found |= given
+    return {name: of for name, of in found.items() if name in config.trained}
+
+
+def tell_unnamed(policies) -> None:
+    """Print a line for each policy that does not name its observations."""
+    for team, policy in policies.items():
+        if getattr(policy, "named", True) is False:
+            told = f"names no observations: its inputs count as those of {team}, in their order"
+            print(f"{policy.source}: {told}", file=sys.stderr)
 
 
 def open_both(args: argparse.Namespace):
     """Start Taichi; return the controllers that a sweep of `args.run` compares."""
     from rl.evaluation.sweeps import Contest
     from rl.missions import load_scenario
-    from rl.runs import folder as run_folder
+    from rl.runs.folder import RunError
 
-    config, source = run_folder.load_config(args.run, args.overrides, args.config)
+    if not is_run(args.run):
+        raise RunError(f"{args.run}: a sweep is written into a run's folder, and this is none")
+    config, source = scenario_of(args)
     start(args)
     rival: str = {"policy": "classical", "plan": "oracle"}.get(args.controller) or args.controller
-    controllers = {kind: trained_teams(kind, args.run, config) for kind in ("policy", rival)}
+    controllers = {kind: controllers_of(args, kind, config, source) for kind in ("policy", rival)}
 
     def load(overrides: tuple[str, ...]):
         return load_scenario(source, args.overrides, overrides)
@@ -182,6 +250,8 @@ def recall(args: argparse.Namespace) -> tuple[int, int] | None:
 
     if args.shown is None:
         return None
+    if args.policy or not is_run(args.run):
+        raise RunError(f"--{args.shown} repeats an episode of a run's evaluation: give a run's folder alone")
     if args.overrides or args.config or args.seed is not None:
         raise RunError(f"--{args.shown} repeats an episode as it was evaluated: leave out --config, --seed and --set")
     found, number = shown_episode(args.run, args.controller, args.shown)

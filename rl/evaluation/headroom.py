@@ -36,20 +36,20 @@ class Bound(NamedTuple):
     beside: tuple[str, ...]  # simulated teams, including this one
     seed: int
     classical: dict[str, Array]  # from Judge.episodes
-    oracle: dict[str, Array]
-    price: float  # s of computation for each second of an episode
+    oracle: dict[str, Array]  # empty: not run yet
+    price: float  # s of computation of the oracle for each second of an episode
 
     @property
     def episodes(self) -> int:
         """Number of episodes."""
-        return len(next(iter(self.oracle.values())))
+        return len(next(iter(self.classical.values())))
 
 
 def run_bound(
     config: Scenario, team: str, *, episodes: int = EPISODES, seed: int = SEED, source: Path | None = None,
-    show_progress: bool = True,
+    show_progress: bool = True, plan: bool = True,
 ) -> Bound:  # fmt: skip
-    """Run the same episodes under the classical controller and under an oracle."""
+    """Run the same episodes under the classical controller and, if `plan`, under an oracle."""
     beside = teams_beside(config, team)
 
     def judged(policy: Policy) -> dict[str, Array]:
@@ -60,7 +60,7 @@ def run_bound(
 
     oracle = Planner()
     classical = judged(ClassicalPolicy())
-    return Bound(beside, seed, classical, judged(oracle), oracle.price)
+    return Bound(beside, seed, classical, judged(oracle) if plan else {}, oracle.price)
 
 
 def judge_on_bounds(
@@ -101,10 +101,10 @@ def headroom(kind: type[Judge], learned: Mapping[str, Array], bound: Bound, time
 
 def headroom_line(kind: type[Judge], team: str, bound: Bound) -> str:
     """The figures of a bound as one readable line."""
-    one, other = kind.pooled(bound.classical), kind.pooled(bound.oracle)
-    figures = ", ".join(f"{key} {float(one[key]):.3g} -> {float(other[key]):.3g}" for key in kind.plotted)
-    cost = f"{bound.price:.2f} s of computation for each second"
-    return f"{team}, {bound.episodes} episodes, classical -> oracle: {figures}; {cost}"
+    levels = [kind.pooled(of) for of in (bound.classical, bound.oracle) if of]
+    figures = (f"{key} {' -> '.join(f'{float(of[key]):.3g}' for of in levels)}" for key in kind.plotted)
+    told = f"{team}, {bound.episodes} episodes, classical{' -> oracle' * (len(levels) - 1)}: {', '.join(figures)}"
+    return told + f"; {bound.price:.2f} s of computation for each second" * (len(levels) - 1)
 
 
 def teams_beside(config: Scenario, team: str) -> tuple[str, ...]:
@@ -152,7 +152,12 @@ def write_bounds(file: Path, config: Scenario, bounds: Mapping[str, Bound]) -> N
 
 
 def read_bounds(config: Scenario, file: Path | None = None) -> dict[str, Bound]:
-    """The stored bounds of a scenario by team, without those of teams whose episodes have changed."""
+    """The stored bounds of a scenario by team, those in which an oracle has run; see `read_levels`."""
+    return {team: bound for team, bound in read_levels(config, file).items() if bound.oracle}
+
+
+def read_levels(config: Scenario, file: Path | None = None) -> dict[str, Bound]:
+    """All that `write_bounds` stored for a scenario, by team, without teams whose episodes have changed."""
     file = file or bound_file(config)
     if not file.is_file():
         return {}

@@ -29,6 +29,11 @@ COMMON = {
     "its range (0: all are held, 1: each goes from end to end every time), over actions, vehicles, time and episodes",
 }
 
+TEAM_ERROR = {
+    "team_error_m": "root mean square distance of the team's vehicles from their slots in an episode, "
+    "mean over episodes"
+}
+
 SHARES = ("collision_free_episodes", "success_rate")  # figures between 0 and 1 that every episode counts in
 
 Episodes = Mapping[str, NDArray[np.float64]]
@@ -225,6 +230,18 @@ def over_time(episodes: Episodes, who: str) -> NDArray[np.float64]:
     squares = (np.where(time > 0, episodes[f"{who}_error_rms_m"], 0.0) ** 2 * time).sum(-1)
     total = time.sum(-1)
     return np.sqrt(np.where(total > 0, squares / np.maximum(total, 1e-300), np.nan))
+
+
+def team_error(episodes: Episodes) -> NDArray[np.float64]:
+    """Mean [...] over episodes [..., episode] of the rms error of all vehicles; NaN where none was measured."""
+    squares, time = np.zeros_like(episodes["leader_s"]), np.zeros_like(episodes["leader_s"])
+    for who in ("leader", "follower"):
+        own = episodes[f"{who}_s"]
+        squares = squares + np.where(own > 0, episodes[f"{who}_error_rms_m"], 0.0) ** 2 * own
+        time = time + own
+    measured = (time > 0).sum(-1)
+    total = np.sqrt(squares / np.maximum(time, 1e-300)).sum(-1)
+    return np.where(measured > 0, total / np.maximum(measured, 1), np.nan)
 
 
 def median_of(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -67,6 +67,31 @@ OBSERVE = 80.0  # ns per vehicle, about
 
 MEETING = 3  # numbers of an encounter: distance ahead, distance aside, gap
 
+MEANINGS = {
+    "sight": f"distance d to the slot, m, as d / (d + {DISTANCE_SCALE:g}); unit vector to it, body",
+    "previous_sight": "the same a decision ago",
+    "surroundings": "of each obstacle: 1 - distance / range; direction, body, times that; sine of half its angle; "
+    f"velocity ahead and to starboard, m/s, over speed + {SPEED_SCALE:g}; of each team mate: the first two",
+    "error": f"to the slot, body, m, squashed by {DISTANCE_SCALE:g}",
+    "error_rate": f"its rate, body, m/s, squashed by {SPEED_SCALE:g}",
+    "drift": f"mean of error / (distance + 1 m) over the last seconds, body, times {DRIFT_FACTOR:g}",
+    "velocity": f"over ground, body, m/s, squashed by {SPEED_SCALE:g}",
+    "down": "unit vector down, body",
+    "rates": f"roll, pitch, yaw, rad/s, over {RATE_SCALE:g}",
+    "target_course": "unit vector along the target's course, body",
+    "target_turn": f"rate of that course, rad/s, over {TURN_SCALE:g}",
+    "previous_action": "the vehicle's last actions, -1 to 1",
+    "role": "1 of the leader, 0 of followers",
+    "offset": f"of the slot from the leader, ahead and to starboard of the course, m, squashed by {DISTANCE_SCALE:g}",
+    "encounters": "of each obstacle, for the vehicle and for its slot, then of each team mate: distance ahead s, m, as "
+    f"{AHEAD_SCALE:g} / ({AHEAD_SCALE:g} + s); aside, m, squashed by {ASIDE_SCALE:g}; gap, m, by {CLEAR_SCALE:g}",
+    "airspeed": "from its cruise value, over half the range from the lowest to the highest",
+    "wind": f"body, m/s, squashed by {SPEED_SCALE:g}",
+    "age": f"of the leader's last message, s, squashed by {AGE_SCALE:g}",
+    "reference": f"change of velocity that the corrected controller asks for, body, m/s, squashed by {CHANGE_SCALE:g}",
+}
+"""Term -> what it is; x squashed by c is x / (|x| + c); body: ahead, to starboard (aircraft: and down)."""
+
 SeenPack = ti.types.argpack(
     table=array3, signals=array3, state=array3, derived=array3, aux=array3, target=array3, slots=array3, heard=array4,
     obstacles=array4, mates=array4, numbers=array1,

@@ -35,18 +35,27 @@ def export_policy(actor: MLPModel, folder: Path, signature: Mapping[str, Sequenc
     Both files hold the names of observations and actions in order (`signature`) as JSON lists: TorchScript in its extra
     file `signature.json`, ONNX in its metadata `observations` and `actions`.
     """
-    example = torch.zeros(2, actor.obs_dim)
-    script = torch.jit.trace(_Clipped(actor.as_jit()).eval(), example)
+    script = torch.jit.trace(_Clipped(actor.as_jit()).eval(), torch.zeros(2, actor.obs_dim))
     with replacing(folder / TORCHSCRIPT) as part:
         torch.jit.save(script, str(part), _extra_files={SIGNATURE: json.dumps(dict(signature))})
+    export_onnx(actor.as_onnx(verbose=False), actor.obs_dim, folder / ONNX, signature)
+
+
+def export_onnx(
+    network: nn.Module, inputs: int, file: Path, signature: Mapping[str, Sequence[str]] | None = None
+) -> None:
+    """Write a network of any library, observations [row, `inputs`] to actions [row, action], as ONNX.
+
+    Its actions are clipped to [-1, 1]. `signature` as of `export_policy`; default: the file names nothing.
+    """
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
-    with replacing(folder / ONNX) as part, warnings.catch_warnings():
+    with replacing(file) as part, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         torch.onnx.export(
-            _Clipped(actor.as_onnx(verbose=False)).eval(), (example,), str(part), input_names=["obs"],
+            _Clipped(network).eval(), (torch.zeros(2, inputs),), str(part), input_names=["obs"],
             output_names=["actions"], dynamic_axes={"obs": {0: "row"}, "actions": {0: "row"}}, opset_version=18,
             dynamo=False, verbose=False,
         )  # fmt: skip
         model = onnx.load(str(part))
-        onnx.helper.set_model_props(model, {key: json.dumps(list(names)) for key, names in signature.items()})
+        onnx.helper.set_model_props(model, {key: json.dumps(list(names)) for key, names in (signature or {}).items()})
         onnx.save(model, str(part))

@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 from command_line import server
 
-from rl.evaluation.headroom import Bound, digest, headroom, judge_on_bounds, read_bounds, run_bound, write_bounds
+from rl.evaluation.headroom import (
+    Bound,
+    digest,
+    headroom,
+    judge_on_bounds,
+    read_bounds,
+    read_levels,
+    run_bound,
+    write_bounds,
+)
 from rl.evaluation.store import load_headroom, save_headroom
 from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario
@@ -74,7 +83,7 @@ def test_bounds_are_read_back_where_the_episodes_are_the_same(tmp_path):
 
 def test_a_kept_oracle_is_of_its_scenario_as_shipped():
     for file in (config_folder() / "oracle").glob("*.json"):
-        assert read_bounds(load_scenario(file.stem)).keys() == json.loads(file.read_text())["teams"].keys(), file
+        assert read_levels(load_scenario(file.stem)).keys() == json.loads(file.read_text())["teams"].keys(), file
 
 
 def test_a_run_keeps_what_its_policies_did_on_an_oracles_episodes(tmp_path):

@@ -14,6 +14,7 @@ from rl.missions.escort import rewards
 from rl.missions.escort.circling import (
     CIRCLE_SCALE,
     FAR_SCALE,
+    OBSERVED,
     SLOW_SCALE,
     CircleErrors,
     CircleKnowledge,
@@ -66,6 +67,7 @@ class EscortAircraft(ResidualTeam):
     """
 
     logged = LOGGED
+    meanings = OBSERVED
     mission: Parts
     axes = 3
 

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from rl.guidance.controllers import controller_of
-from rl.guidance.observations import ObservationWriter, squashed
+from rl.guidance.observations import MEANINGS, ObservationWriter, squashed
 from rl.guidance.residual import ResidualTeam
 from rl.guidance.rewards import paid
 from rl.guidance.shapes import escort_offsets
@@ -53,6 +53,10 @@ class EscortBoats(ResidualTeam):
     """
 
     logged = LOGGED
+    meanings = MEANINGS | {
+        "track_age": f"age of what is known of the vessel, s, squashed by {AGE_SCALE:g}",
+        "track_sigma": f"standard deviation of its place, m, squashed by {SIGMA_SCALE:g}",
+    }
     mission: Parts
     axes = 2
     radio = None

@@ -24,6 +24,7 @@ from rl.guidance.controllers.fixed_wing_6dof import (
 )
 from rl.guidance.knowledge import Knowledge
 from rl.guidance.observations import (
+    MEANINGS,
     RATE_SCALE,
     SPEED_SCALE,
     air_columns,
@@ -111,6 +112,21 @@ class CirclingForm(NamedTuple):
     first: int  # number of the first aircraft among all observers
     boats: tuple[int, int]  # the first boat among them, and the first after them that is none
     serial: bool = False  # run on the calling thread
+
+
+OBSERVED = MEANINGS | {
+    "vessel": "unit vector to the vessel as known, body",
+    "vessel_distance": f"m, squashed by {FAR_SCALE:g}",
+    "vessel_velocity": f"along and across the tangent of the circle, m/s, squashed by {SLOW_SCALE:g}",
+    "circle": f"distance outside the circle and height error, m, squashed by {CIRCLE_SCALE:g}",
+    "gap": "half the difference of the gaps ahead and behind on the circle, rad, over pi",
+    "view": "1 if its camera has the vessel now",
+    "track_age": f"age of what is known of the vessel, s, squashed by {AGE_SCALE:g}",
+    "track_sigma": f"standard deviation of its place, m, squashed by {SIGMA_SCALE:g}",
+    "boats": "unit vector to the boats' middle, body; 0: none heard",
+    "boats_distance": f"distance of it, and of the farthest boat from it, m, squashed by {FAR_SCALE:g}",
+}
+"""Terms of aircraft on a circle; see rl.guidance.observations.MEANINGS."""
 
 
 class CirclingTerms(NamedTuple):

@@ -7,7 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rl.evaluation.judge import COLLISION_LOSS, COMMON, Episodes, ErrorJudge, errors_of, median_of, over_time, rms_of
+from rl.evaluation.judge import (
+    COLLISION_LOSS,
+    COMMON,
+    TEAM_ERROR,
+    Episodes,
+    ErrorJudge,
+    errors_of,
+    median_of,
+    over_time,
+    rms_of,
+    team_error,
+)
 from rl.missions.escort.config import EscortScenario
 from rl.missions.escort.host import Parts
 from rl.missions.escort.tracking import SharedTracking
@@ -48,6 +59,7 @@ class EscortJudge(ErrorJudge[Escorted, EscortScenario]):
         "leader_error_p95_m": "95th percentile of the same distance",
         "follower_error_rms_m": "the same of the other boats, likewise after the leader's arrival",
         "follower_error_p95_m": "95th percentile of the same distance",
+        **TEAM_ERROR,
         "in_camera": "share of the time after the leader's arrival (without boats: after 60 s) in which some camera "
         "has the vessel (aircraft)",
         "in_camera_always": "share of all time in which some camera has the vessel (aircraft)",
@@ -169,6 +181,7 @@ class EscortJudge(ErrorJudge[Escorted, EscortScenario]):
             "never_arrives": episodes["never"].mean(-1),
             "leader_error_rms_m": over_time(episodes, "leader"),
             "follower_error_rms_m": over_time(episodes, "follower"),
+            "team_error_m": team_error(episodes),
             "in_camera": episodes["seen_after"].sum(-1) / after,
             "in_camera_always": episodes["seen"].sum(-1) / time,
             "aware": episodes["aware"].sum(-1) / time,

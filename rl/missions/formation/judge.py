@@ -9,7 +9,18 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rl.evaluation.judge import COLLISION_LOSS, COMMON, Episodes, ErrorJudge, errors_of, median_of, over_time, rms_of
+from rl.evaluation.judge import (
+    COLLISION_LOSS,
+    COMMON,
+    TEAM_ERROR,
+    Episodes,
+    ErrorJudge,
+    errors_of,
+    median_of,
+    over_time,
+    rms_of,
+    team_error,
+)
 from rl.guidance.course.obstacles import BOTTOM, EAST, NORTH, RADIUS, TOP
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.team import Course, TeamTask
@@ -33,6 +44,7 @@ class FormationJudge(ErrorJudge[Sailed, FormationScenario]):
         "leader_error_p95_m": "95th percentile of the same distance",
         "follower_error_rms_m": "root mean square distance of followers from their slots (null without followers)",
         "follower_error_p95_m": "95th percentile of the same distance",
+        **TEAM_ERROR,
         "evasions_per_hour": "times that a vehicle's slot went through an obstacle, so that it had to be left, per "
         "hour of vehicle time",
         "least_gap_m": "least clearance of any vehicle to an obstacle or a team mate in an episode, median over "
@@ -99,6 +111,7 @@ class FormationJudge(ErrorJudge[Sailed, FormationScenario]):
         errors = {f"{who}_error_rms_m": over_time(episodes, who) for who in ("leader", "follower")}
         return {
             **errors,
+            "team_error_m": team_error(episodes),
             "evasions_per_hour": episodes["evasions"].sum(-1) / np.maximum(episodes["vehicle_hours"].sum(-1), 1e-12),
             "least_gap_m": median_of(episodes["least_gap_m"]),
             **{key: common[key] for key in (*COMMON, "success_rate")},

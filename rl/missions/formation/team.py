@@ -9,7 +9,7 @@ from torch import Tensor
 from rl.guidance.controllers import controller_of
 from rl.guidance.course.obstacles import Bodies
 from rl.guidance.knowledge import Knowledge
-from rl.guidance.observations import ObservationWriter
+from rl.guidance.observations import MEANINGS, ObservationWriter
 from rl.guidance.residual import ResidualTeam
 from rl.guidance.targets_and_errors import Geometry, SlotErrors, Target, Targets
 from rl.missions.formation import rewards
@@ -56,6 +56,7 @@ class TeamTask(ResidualTeam):
     """
 
     logged = ("leader_error_m", "follower_error_m", "collisions_per_hour", "lost")
+    meanings = MEANINGS
     mission: Course
     radio = None
 

@@ -61,6 +61,26 @@ class Aircraft(Team[Parts, LandingTeam]):
             step and in it. failed: name -> bool, how it has failed in this step. All but rank are of decks with turns.
     """
 
+    meanings = {
+        "to": f"to the deck's middle, m, squashed by {FAR:g}; vectors are level: along the deck, to starboard, down",
+        "to_near": f"level part of the same over {NEAR:g} m, clipped to 1",
+        "height": "of the soles above the deck, m, squashed by 2",
+        "height_near": f"the same over {NEAR:g} m, clipped to -0.5 and 1",
+        "relative_velocity": f"of the deck past the aircraft, m/s, squashed by {SLOW:g}",
+        "velocity": f"over ground, m/s, squashed by {FAST:g}",
+        "deck_velocity": f"m/s, squashed by {SLOW:g}",
+        "deck_acceleration": "m/s^2, squashed by 1",
+        "deck_past": f"its vertical velocity {', '.join(map(str, LAGS))} decisions ago, m/s, squashed by {SLOW:g}",
+        "deck_tilt": "roll and pitch of the deck, rad, times 5",
+        "deck_rates": "the deck's rates, rad/s, times 2",
+        "tilt": "level part of the aircraft's unit vector up, times 2",
+        "rates": "roll and pitch, rad/s",
+        "ages": "since the marker was seen, since the boat was heard, s, squashed by 1",
+        "time_left": "share of the episode that is left",
+        "standing": "1 if it has touched; 1 if all soles are on the deck",
+        "previous_action": "the last actions, -1 to 1",
+        "reference": f"change of velocity that the pilot asks for, m/s, squashed by {SLOW:g}",
+    }
     logged = ("landed", "failed", "touch_error_m", "touch_speed")
 
     def __init__(self, mission: Parts, name: str, decks: Decks):

@@ -208,6 +208,7 @@ class Episode:
     wind_n: Array | None = None  # [T, 3] velocity of the air 10 m above the sea, m/s; None: calm
     waves: Waves | None = None  # components of `elevation`; None: unknown, or no waves
     like: "Episode | None" = None  # for a part of an episode: the episode that sets scales and layout
+    ghost: "Episode | None" = None  # the same episode under another controller; its vehicles are drawn pale
 
     def __post_init__(self) -> None:
         """Refuse arrays that do not fit together."""

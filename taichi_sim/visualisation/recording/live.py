@@ -20,6 +20,7 @@ import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import ParamSpec
+from urllib.parse import quote
 
 import numpy as np
 import rerun as rr
@@ -29,7 +30,7 @@ from taichi_sim.visualisation.recording.episode import Episode
 from taichi_sim.visualisation.recording.rerun_stream import Stream
 from taichi_sim.visualisation.recording.rrd import draw
 
-PORT = 9876  # rerun's default
+PORT, WEB_PORT = 9876, 9090  # rerun's defaults
 HOST = "127.0.0.1"
 SERVER_MEMORY, VIEWER_MEMORY = "512MB", "2GB"  # beyond it the oldest data are dropped
 WAITING = 100  # largest number of parts that wait to be sent; further ones are dropped
@@ -146,6 +147,23 @@ class Live:
             self._server.stdin.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._server.wait(ENDS_S)
+
+
+def serve_web(file: Path, port: int = PORT, web_port: int = WEB_PORT) -> tuple[subprocess.Popen, str]:
+    """Serve a recording to browsers on this machine, until the process that is returned, or this one, ends.
+
+    Also returns the address to open.
+
+    Raises:
+        OSError: if a port is in use, or the server does not start.
+    """
+    refuse_used(port)
+    refuse_used(web_port)
+    ports = ["--port", str(port), "--web-viewer-port", str(web_port)]
+    command = [program(), str(file), "--serve-web", "--bind", HOST, *ports, "--server-memory-limit", SERVER_MEMORY]
+    server = _started(["sh", "-c", TIED.format(command=shlex.join(command))], subprocess.PIPE)
+    _await_server(server, web_port)
+    return server, f"http://{HOST}:{web_port}?url=" + quote(f"rerun+http://{HOST}:{port}/proxy", safe="")
 
 
 class _Outbox:

@@ -18,7 +18,7 @@ from taichi_sim.visualisation.recording.episode import Episode
 from taichi_sim.visualisation.recording.plots import send_plots
 from taichi_sim.visualisation.recording.rerun_stream import Stream
 from taichi_sim.visualisation.recording.static_scene import send_events, send_scene, send_sea
-from taichi_sim.visualisation.recording.team_view import send_team
+from taichi_sim.visualisation.recording.team_view import send_ghost, send_team
 
 APPLICATION = "taichi_sim"
 
@@ -37,6 +37,8 @@ def draw(stream: Stream, episode: Episode) -> None:
         send_forces(stream, episode, team)
         send_air(stream, episode, team)
         send_plots(stream, episode, team)
+    if episode.ghost is not None:
+        send_ghost(stream, episode.ghost)
     send_flow(stream, episode)
     send_overlays(stream, episode)
     send_events(stream, episode)

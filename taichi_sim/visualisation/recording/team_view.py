@@ -32,6 +32,7 @@ PLUMB_POINTS = -0.5  # radius in points of the screen, whatever the distance
 HOOP = np.linspace(0.0, 2.0 * np.pi, 41)  # rad, a ring in the air
 TARGET_BALL = {"water": 0.14, "air": 0.05}  # radius of the target in vehicle lengths; aircraft fly inside it
 TARGET_UP = 0.2  # height of a boat's target above the water, in vehicle lengths
+PALE = 0.7  # share of white in a ghost's colours
 COURSE_S = 1.5  # averaging time of the course that turns the view of aircraft
 
 
@@ -183,6 +184,21 @@ def _send_bodies(stream: Stream, episode: Episode, team: TeamTrack) -> None:
             mesh = rr.Mesh3D(vertex_positions=body.vertices_b, vertex_normals=normals, vertex_colors=colours)
             stream.static(path, mesh)
         stream.columns(path, rr.Transform3D.columns(translation=position[:, vehicle], quaternion=turn[:, vehicle]))
+
+
+def send_ghost(stream: Stream, ghost: Episode) -> None:
+    """Send the vehicles of the same episode under another controller: pale bodies, as far as both go."""
+    index = np.arange(min(len(stream.ns), len(ghost.time_s)))
+    for team in ghost.teams.values():
+        position, turn = enu(team.position_n)[index], enu_quaternion(team.quaternion_nb)[index]
+        for vehicle in range(team.vehicles):
+            path = f"world/{team.name}/ghost_{vehicle}"
+            body = body_mesh(team, ghost.liveries[team.name].of(vehicle))
+            colours = (PALE * 255 + (1 - PALE) * body.colours).astype(np.uint8)
+            mesh = rr.Mesh3D(vertex_positions=body.vertices_b, vertex_normals=body.normals_b, vertex_colors=colours)
+            stream.static(path, mesh)
+            pose = rr.Transform3D.columns(translation=position[:, vehicle], quaternion=turn[:, vehicle])
+            stream.columns(path, pose, index)
 
 
 def _send_dots(stream: Stream, episode: Episode, team: TeamTrack) -> None:

@@ -1,0 +1,289 @@
+"""Where a policy comes from, as a user names it:
+
+    RUN               a folder of rl/train.py: the newest policy of each team
+    pretrained        the policies that come with the package, configs/policies/SCENARIO
+    FILE.onnx         any library's network; its metadata may name observations and actions (export.py)
+    module:function   a function of your own, from tensors [row, n] to [row, action]
+
+Each may stand behind TEAM=. A network or a function is called with float32 rows: one for each vehicle, or, where the
+network's width says so, one for all vehicles of an environment side by side. It answers with actions in [-1, 1], and
+keeps no state: the same observations give the same actions, whatever stands in other rows.
+"""
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import torch
+from onnx.reference import ReferenceEvaluator
+from onnx.reference.op_run import OpRun
+from torch import Tensor
+
+from rl.learn.policy import CheckpointError, Policy, check_signature, policies_of
+from rl.missions import load_scenario
+from rl.scenario import Scenario
+from rl.team import Team
+from taichi_sim.config import ConfigError
+from taichi_sim.config.io import config_folder
+from taichi_sim.config.plugins import is_plugin, load_class
+from taichi_sim.kernels import runtime
+
+PRETRAINED, SUFFIX = "pretrained", ".onnx"
+KINDS = f"a run's folder, {PRETRAINED}, FILE{SUFFIX} or module:function"
+ABOUT = "policies.json"  # beside shipped policies: how they were made, their figures and sums
+SAME = 1e-4  # actions that rounding alone may differ by, between batches of other sizes
+OTHER = 0.5  # factor on observations that makes others of the same size
+
+Rows = Callable[[Tensor], Any]
+"""float32 [row, n] -> [row, action], a tensor or an array."""
+
+
+# -- ONNX --------------------------------------------------------------------------------------------------------------
+
+
+class Gemm(OpRun):
+    """Matrix product and sum by torch, whose threads are ours to choose: NumPy's bits differ with their number."""
+
+    op_domain = ""
+
+    def _run(self, a, b, c=None, *, alpha=1.0, beta=1.0, transA=0, transB=0):
+        left, right = (torch.tensor(x.T if turned else x) for x, turned in ((a, transA), (b, transB)))
+        product = alpha * (left @ right)
+        return ((product if c is None else product + beta * torch.tensor(c)).numpy(),)
+
+
+class MatMul(OpRun):
+    """Matrix product by torch; see `Gemm`."""
+
+    op_domain = ""
+
+    def _run(self, a, b):
+        return (torch.matmul(torch.tensor(a), torch.tensor(b)).numpy(),)
+
+
+class Network:
+    """The network of an ONNX file, computed by onnx's own evaluator: every operator, no runtime to install.
+
+    Attributes:
+        inputs: numbers in a row; None if the file leaves it open. signature: names in its metadata.
+    """
+
+    def __init__(self, file: Path):
+        """Read a file.
+
+        Raises:
+            CheckpointError: if it cannot be read, or has more than one input or output.
+        """
+        try:
+            model = onnx.load(str(file))
+            self._evaluator = ReferenceEvaluator(model, new_ops=[Gemm, MatMul])
+            given = {entry.key: entry.value for entry in model.metadata_props}
+            self.signature = {key: tuple(json.loads(given[key])) for key in ("observations", "actions") if key in given}
+        except FileNotFoundError:
+            raise CheckpointError(f"{file}: no such file") from None
+        except Exception as error:  # whatever a stranger's file makes onnx raise
+            raise CheckpointError(f"{file}: not a network in ONNX: {type(error).__name__}: {error}") from None
+        constant = {tensor.name for tensor in model.graph.initializer}
+        inputs = [entry for entry in model.graph.input if entry.name not in constant]
+        for what, entries in (("inputs", inputs), ("outputs", list(model.graph.output))):
+            if len(entries) != 1:
+                names = ", ".join(entry.name for entry in entries)
+                raise CheckpointError(
+                    f"{file}: its {what} are {names or 'none'}: wanted is one, observations to actions; a policy that "
+                    "keeps state between decisions cannot be judged here"
+                )
+        kind = inputs[0].type.tensor_type
+        sizes = kind.shape.dim
+        self._name, self._dtype = inputs[0].name, onnx.helper.tensor_dtype_to_np_dtype(kind.elem_type)
+        self.inputs = (sizes[-1].dim_value or None) if len(sizes) else None
+
+    def __call__(self, rows: Tensor) -> np.ndarray:
+        """Actions [row, action] of observations [row, n]."""
+        with runtime.torch_at_rest():
+            return self._evaluator.run(None, {self._name: rows.cpu().numpy().astype(self._dtype)})[0]  # pyright: ignore
+
+
+# -- policies ----------------------------------------------------------------------------------------------------------
+
+
+class RowPolicy:
+    """A network or function of anybody's as a policy (rl.learn.policy.Policy); see the module.
+
+    Attributes:
+        source: its name, for messages. named: whether it names what it observes.
+    """
+
+    def __init__(
+        self, rows: Rows, source: str, inputs: int | None = None, signature: Mapping[str, Sequence[str]] | None = None
+    ):
+        """A policy that calls `rows`; `inputs` numbers in a row, None: one vehicle's observations."""
+        self._rows, self._inputs, self.source = rows, inputs, source
+        self._signature = dict(signature or {})
+        self.named = "observations" in self._signature
+        self._fits: Team | None = None  # the last team that passed `check`
+        self._together = 1  # vehicles in a row
+
+    def __call__(self, team: Team) -> Tensor:
+        """Actions [env, vehicle, action] of a team.
+
+        Raises:
+            CheckpointError: if the team's observations or actions are others, an action is not in [-1, 1], or the
+                policy keeps state.
+        """
+        seen = team.observations()
+        if self._fits is not team:
+            self.check(team, seen)
+            self._fits = team
+        return team.command(self._act(team, seen).to(seen))
+
+    def check(self, team: Team, seen: Tensor) -> None:
+        """Refuse a team that this policy does not fit, and a policy that keeps state, by what it does with `seen`."""
+        check_signature(self._signature, team, self.source)
+        each, count = seen.shape[-1], team.fleet.count
+        if self._inputs not in (None, each, each * count):
+            raise CheckpointError(
+                f"{self.source}: it takes {self._inputs} observations; a vehicle of {team.name} has {each}, all "
+                f"{count} have {each * count} (taichi-sim describe lists them)"
+            )
+        self._together = 1 if self._inputs in (None, each) else count
+        two = torch.cat((seen, OTHER * seen))
+        once, turned, again = self._act(team, two), self._act(team, two.flip(0)).flip(0), self._act(team, seen)
+        if max(float((once - turned).abs().max()), float((once[: len(seen)] - again).abs().max())) > SAME:
+            raise CheckpointError(
+                f"{self.source}: the same observations give other actions when other rows come before or beside them: "
+                "a policy keeps no state, draws no random numbers, and decides for each row alone"
+            )
+
+    def _act(self, team: Team, seen: Tensor) -> Tensor:
+        """Actions [env, vehicle, action] for observations [env, vehicle, n]."""
+        names = team.action_names
+        rows = seen.float().reshape(-1, self._together * seen.shape[-1])
+        try:
+            with torch.no_grad():
+                taken = torch.as_tensor(self._rows(rows))
+        except Exception as error:
+            raise CheckpointError(f"{self.source}: {type(error).__name__}: {error}") from error
+        wanted = (len(rows), self._together * len(names))
+        if tuple(taken.shape) != wanted:
+            raise CheckpointError(
+                f"{self.source}: it gives {list(taken.shape)} for {list(rows.shape)}, wanted are {list(wanted)}: "
+                f"{', '.join(names)} of {team.name}"
+            )
+        taken = taken.reshape(*seen.shape[:2], len(names))
+        if not bool((taken.abs() <= 1.0).all()):
+            wrong = (~(taken.abs() <= 1.0)).nonzero()[0].tolist()
+            raise CheckpointError(
+                f"{self.source}: its action {names[wrong[2]]!r} of {team.name} is {float(taken[tuple(wrong)]):.4g}: "
+                "actions are finite and from -1 to 1: clip them in the policy"
+            )
+        return taken
+
+
+def read_onnx(file: Path) -> RowPolicy:
+    """The policy in an ONNX file.
+
+    Raises:
+        CheckpointError: if it cannot be used.
+    """
+    network = Network(file)
+    return RowPolicy(network, str(file), network.inputs, network.signature)
+
+
+# -- sources -----------------------------------------------------------------------------------------------------------
+
+
+def policies_from(
+    sources: Sequence[str], config: Scenario, teams: Sequence[str] | None = None, beside: Sequence[Path] = ()
+) -> dict[str, Policy]:
+    """The policies that `sources` name, for `teams` of a scenario (default: all that are trained): team -> policy.
+
+    `beside`: folders in which modules are looked for first.
+
+    Raises:
+        CheckpointError: if a source cannot be used.
+        ConfigError: if a module cannot be imported.
+    """
+    wanted = list(config.trained if teams is None else teams)
+    found: dict[str, Policy] = {}
+    for text in sources:
+        team, equals, named = text.partition("=")
+        of_team = bool(equals) and not Path(text).exists()
+        if of_team and team not in wanted:
+            raise CheckpointError(f"{text}: no team {team!r} acts; allowed are {', '.join(wanted)}")
+        found |= _from(named if of_team else text, config, [team] if of_team else wanted, beside)
+    return found
+
+
+def _from(source: str, config: Scenario, teams: Sequence[str], beside: Sequence[Path]) -> Mapping[str, Policy]:
+    """The policies of one source for `teams`."""
+    path = Path(source)
+    if path.is_dir():
+        found = _of_run(path, config)
+    elif source == PRETRAINED:
+        found = shipped_policies(config.name)
+    else:
+        if path.suffix != SUFFIX and not is_plugin(source):
+            raise CheckpointError(f"{source}: no such policy: wanted is {KINDS}")
+        if len(teams) != 1:
+            raise CheckpointError(f"{source}: one policy, and there are {' and '.join(teams)}: {teams[0]}={source}")
+        found = {teams[0]: read_onnx(path) if path.suffix == SUFFIX else _of_function(source, beside)}
+    if not (of_teams := {team: found[team] for team in teams if team in found}):
+        raise CheckpointError(f"{source}: no policy of {' or '.join(teams)} in it")
+    return of_teams
+
+
+def _of_run(run: Path, config: Scenario) -> dict[str, Policy]:
+    """The policies of a run, whose networks its own scenario describes (`config` if this version cannot read it)."""
+    file = run / "config.toml"
+    if not file.is_file():
+        raise CheckpointError(f"{run}: not a run folder (no {file.name} in it)")
+    try:
+        own = load_scenario(file)
+    except ConfigError:
+        own = config
+    return policies_of("policy", run, own)
+
+
+def _of_function(name: str, beside: Sequence[Path]) -> RowPolicy:
+    """The policy `module:function`."""
+    function = load_class(name, None, beside)
+    if not callable(function):
+        raise ConfigError(f"{name!r}: not a function of observations [row, n]")
+    return RowPolicy(function, name)
+
+
+def shipped_folder() -> Path:
+    """The folder of the shipped policies."""
+    return config_folder() / "policies"
+
+
+def shipped_policies(scenario: str) -> dict[str, Policy]:
+    """The policies that come with the package for a scenario: team -> policy.
+
+    Raises:
+        CheckpointError: if there are none, or a file is not the one that was shipped.
+    """
+    folder = shipped_folder() / scenario
+    if not (folder / ABOUT).is_file():
+        there = sorted(file.parent.name for file in shipped_folder().glob(f"*/{ABOUT}"))
+        raise CheckpointError(
+            f"{scenario}: no policies come with the package (they do for: {', '.join(there) or 'none'}); train some: "
+            f"taichi-sim train --config {scenario}, or name them: --policy {KINDS}"
+        )
+    about = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
+    found: dict[str, Policy] = {}
+    for team, of_team in about["teams"].items():
+        file = folder / f"{team}{SUFFIX}"
+        if not file.is_file() or hashed(file) != of_team["sha256"]:
+            raise CheckpointError(f"{file}: missing, or not the file that {folder / ABOUT} tells of: install anew")
+        found[team] = read_onnx(file)
+    return found
+
+
+def hashed(file: Path) -> str:
+    """SHA-256 of a file."""
+    return hashlib.sha256(file.read_bytes()).hexdigest()
