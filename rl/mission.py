@@ -228,6 +228,17 @@ class Mission(Stateful, Generic[C, T]):
     def notice(self, team: T) -> None:
         """See what `team` of the real mission knows in each decision, before `believe`, for models with a memory."""
 
+    @classmethod
+    def piloted(cls, config: C, team: str) -> C | None:
+        """The scenario in which a companion of real vehicles (rl/pilot) builds what `team` observes: it contains what
+        telemetry does not tell, and no errors besides. Default: None, there is none.
+        """
+        return None
+
+    def course(self, team: T) -> tuple[Tensor, Tensor]:
+        """Place [env, 2] (m) and direction [env] (rad) of the course of `team` now, which a companion lays on a sea."""
+        raise NotImplementedError
+
     # -- what others use -------------------------------------------------------------------------------------------
 
     @classmethod
@@ -265,7 +276,19 @@ class Mission(Stateful, Generic[C, T]):
 
     def _step(self, actions: Mapping[str, Tensor | ArrayLike]) -> Step:
         self.perceive()
-        taken = self.world.step(actions)
+        gone = self._go_on(self.world.step(actions))
+        ended = {name: team.ended() for name, team in self.teams.items()}
+        reward = {name: team.paid(ended[name]) for name, team in self.teams.items()}
+        if bool(self.divergence.envs.any()):
+            self._end_diverged(ended, reward, gone)
+        terminated = reduce(or_, [e.any.any(dim=1) for e in ended.values()])
+        truncated = (self.steps >= self.config.episode_steps) & ~terminated
+        return Step(reward, ended, terminated, truncated)
+
+    def _go_on(self, taken: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        """Count a decision after which vehicles have moved by the actions `taken`, move what is no vehicle, and measure
+        what is; flags [env, vehicle] of vehicles that have diverged, by team.
+        """
         self.steps += 1
         for name, team in self.teams.items():
             team.previous_action, team.action = team.action, taken[name]
@@ -277,13 +300,25 @@ class Mission(Stateful, Generic[C, T]):
         self.due = self._due(self._which, self.num_envs)
         self.move(self.due)
         self.truth(self.due)
-        ended = {name: team.ended() for name, team in self.teams.items()}
-        reward = {name: team.paid(ended[name]) for name, team in self.teams.items()}
-        if bool(self.divergence.envs.any()):
-            self._end_diverged(ended, reward, gone)
-        terminated = reduce(or_, [e.any.any(dim=1) for e in ended.values()])
-        truncated = (self.steps >= self.config.episode_steps) & ~terminated
-        return Step(reward, ended, terminated, truncated)
+        return gone
+
+    def follow(self, states: Mapping[str, Tensor], actions: Mapping[str, Tensor] | None = None) -> None:
+        """Take the `states` of vehicles that move elsewhere (rl/pilot), by team, [env, vehicle, 13].
+
+        With `actions`, by which they have moved, a decision interval has passed: as `step`, but the world does not
+        move, and nobody is judged. Without, episodes begin there.
+        """
+        with runtime.torch_at_rest():
+            if actions is not None:
+                self.perceive()
+            for name, state in states.items():
+                fleet = self.world.teams[name]
+                fleet.state.copy_(state)
+                fleet.update()
+            if actions is None:
+                self.measure_anew()
+            else:
+                self._go_on(actions)
 
     def _due(self, which: Tensor, count: int) -> Due:
         return Due(which, count, self.steps, self.noise.table)

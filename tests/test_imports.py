@@ -48,6 +48,7 @@ LAYERS = (
     ("rl.guidance", "rl.evaluation.training_figures"),
     ("rl.missions", "rl.adapters.render", "rl.planning"),
     ("rl.learn",),
+    ("rl.pilot",),
     ("rl.runs.folder", "rl.runs.launch"),
     ("rl.evaluation",),
     ("rl.runs",),
@@ -61,6 +62,7 @@ LAYERS = (
         "rl.commands.report",
         "rl.commands.score",
         "rl.commands.describe",
+        "rl.commands.pilot",
     ),
     ("rl.commands",),
     ("tools",),
@@ -78,6 +80,7 @@ STRANGERS = (
         "rl.commands.report",
         "rl.commands.score",
         "rl.commands.describe",
+        "rl.commands.pilot",
     },
 )
 PACKAGES = ("taichi_sim", "rl", "tools")

@@ -19,7 +19,7 @@ from test_recording import make_episode
 from rl.evaluation.record import output_of
 from rl.runs.folder import RunError
 from taichi_sim.visualisation.recording import Episode, Force
-from taichi_sim.visualisation.recording.east_north_up import ecef, geodetic
+from taichi_sim.visualisation.recording.east_north_up import ecef, from_geodetic, geodetic
 from taichi_sim.visualisation.recording.ros import FJORD, BagError, Origin, write_mcap, write_rosbag2
 
 EPOCH_NS = 10**18
@@ -209,6 +209,7 @@ def test_a_fix_leads_back_to_the_place(origin) -> None:
     (sin, sin_l), (cos, cos_l) = np.sin(centre), np.cos(centre)
     east, up = np.array([-sin_l, cos_l, 0.0]), np.array([cos * cos_l, cos * sin_l, sin])
     np.testing.assert_allclose(back @ np.stack([east, np.cross(up, east), up], -1), places, atol=1e-6)
+    np.testing.assert_allclose(from_geodetic(geodetic(places, origin), origin), places, atol=1e-6)
 
 
 def test_a_degree_is_as_long_as_on_wgs_84() -> None:

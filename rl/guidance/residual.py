@@ -38,6 +38,8 @@ class ResidualTeam(Team):
 
     axes: of velocities, 2 of vessels or 3 of aircraft. radius: of a vehicle, m. known: the input of the controller; the
         gate uses its `sensor.obstacles`. layout, observations_now: see `Team`.
+
+    ordered: the corrected velocity command [env, vehicle, axes] (NED, m/s) of the last `command`; None before.
     """
 
     axes: int
@@ -48,6 +50,7 @@ class ResidualTeam(Team):
         """Make team `name`; its controller is made when it is first needed."""
         super().__init__(mission, name)
         self._wanted: Wanted | None = self.scratch(None)
+        self.ordered: Tensor | None = self.scratch(None)
         self._shield: Shield | None = None
 
     @property
@@ -105,6 +108,7 @@ class ResidualTeam(Team):
             velocity = wanted.velocity + pushed
         else:
             velocity = self._shield(self.known, wanted.velocity, pushed)
+        self.ordered = velocity
         taken = self.corrected.act(self.known, wanted._replace(velocity=velocity)).clamp(-1.0, 1.0)
         return taken + (0.0 * action).sum(-1, keepdim=True)  # keeps NaN and inf, for kernels may lose them
 

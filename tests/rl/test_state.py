@@ -35,6 +35,7 @@ SCENARIOS = {
 # What steps write anew before anybody reads it, and what is asked for again.
 SCRATCH = (
     "._wanted",
+    ".ordered",  # as of the last command, which comes anew
     ".members['turns']",
     ".members['remainder']",  # of copies of a group's last vehicle; those of vehicles are `Fleet.remainder`
     ".members['rests']",

@@ -20,6 +20,7 @@ from rl.missions.formation.team import TeamTask
 from rl.missions.formation.worlds import PER_WORLD, check_teams, draw_starts, draw_traffic, generate_worlds, in_wind
 from rl.perception.contacts import SensorsConfig
 from rl.perception.due import Due
+from rl.perception.radio import RadioConfig
 from rl.planning.planner import write_obstacles_as_bodies
 from taichi_sim.config import AirConfig, SeaConfig
 from taichi_sim.kernels import runtime
@@ -27,6 +28,7 @@ from taichi_sim.kernels.conventions import DOWN
 from taichi_sim.state.snapshot import transfer
 from taichi_sim.visualisation.recording.episode import Episode, Scene
 
+OUT_OF_RANGE = 1e6  # m: further than any vehicle
 CALM = {"hs": 0.0, "tp": 4.0, "components": 1, "realisations": 1}  # sea of the honest planner's model
 
 
@@ -123,6 +125,20 @@ class Formation(Mission[FormationScenario, TeamTask]):
         """Make an `ImaginedFormation` for the model of `team`."""
         config = imagined_scenario(self.config, team.name)
         return ImaginedFormation(config, self.num_envs, seed=self.seed, teams=(team.name,), source=self.source)
+
+    @classmethod
+    def piloted(cls, config: FormationScenario, team: str) -> FormationScenario:
+        """One track; no sea, no obstacles but fixed ones; sensors and radio without errors."""
+        section = config.formations[team].model_copy(update={"vary": {}})
+        radio = config.radio and RadioConfig(range=OUT_OF_RANGE)
+        track = config.track.model_copy(update={"worlds": 1})
+        fixed = config.obstacles.model_copy(update={"count": 0})
+        keep = {"radio": radio, "track": track, "obstacles": fixed, team: section}
+        return imagined_scenario(config, team).model_copy(update=keep)
+
+    def course(self, team: TeamTask) -> tuple[Tensor, Tensor]:
+        """The target of its leader, and the track's course there."""
+        return team.target.position[:, :2], team.target.course[:, 0]
 
     def frame(self, env: int) -> Frame:
         """Targets, slots and errors of the teams, slots of vessels at mean sea level; traffic as cylinders."""

@@ -94,12 +94,25 @@ def ecef(latitude: Array, longitude: Array, height: Array) -> Array:
     return np.stack([level * np.cos(longitude), level * np.sin(longitude), up], axis=-1)
 
 
-def geodetic(enu_m: Array, origin: Origin) -> Array:
-    """Latitude, longitude (deg, -180 to 180), height (m) [..., 3] of positions [..., 3] (east, north, up, m)."""
+def _tangent(origin: Origin) -> tuple[Array, Array]:
+    """Earth-centred place [3] (m) of an origin, and its axes east, north, up, as rows [3, 3]."""
     phi, lam = np.radians(origin)
     sin, cos, sin_l, cos_l = np.sin(phi), np.cos(phi), np.sin(lam), np.cos(lam)
     axes = np.array([[-sin_l, cos_l, 0.0], [-sin * cos_l, -sin * sin_l, cos], [cos * cos_l, cos * sin_l, sin]])
-    x, y, z = np.moveaxis(ecef(phi, lam, np.zeros(())) + np.asarray(enu_m, dtype=np.float64) @ axes, -1, 0)
+    return ecef(phi, lam, np.zeros(())), axes
+
+
+def from_geodetic(place: Array, origin: Origin) -> Array:
+    """Positions [..., 3] (east, north, up, m) of latitude, longitude (deg), height (m) [..., 3]."""
+    latitude, longitude, height = np.moveaxis(np.asarray(place, dtype=np.float64), -1, 0)
+    there, axes = _tangent(origin)
+    return (ecef(np.radians(latitude), np.radians(longitude), height) - there) @ axes.T
+
+
+def geodetic(enu_m: Array, origin: Origin) -> Array:
+    """Latitude, longitude (deg, -180 to 180), height (m) [..., 3] of positions [..., 3] (east, north, up, m)."""
+    place, axes = _tangent(origin)
+    x, y, z = np.moveaxis(place + np.asarray(enu_m, dtype=np.float64) @ axes, -1, 0)
     p = np.hypot(x, y)
     beta = np.arctan2(z, (1 - EARTH_F) * p)
     latitude = beta
