@@ -41,7 +41,10 @@ def main(argv: list[str] | None = None) -> None:
     place = args.into or shipped_folder()
     shared.start(args)
     if not args.remake:
-        print(ship(args.runs, args.name or load_config(args.runs[0])[0].name, place, args))
+        names = list(dict.fromkeys(load_config(run)[0].name for run in args.runs))
+        if len(names) > 1 and args.name is None:
+            raise RunError(f"the runs are of {' and '.join(names)}: ship one scenario at a time, or give --name")
+        print(ship(args.runs, args.name or names[0], place, args))
         return
     for about in sorted(place.glob(f"{args.name or '*'}/{ABOUT}")):
         with tempfile.TemporaryDirectory() as folder:
