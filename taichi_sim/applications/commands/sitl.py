@@ -34,7 +34,8 @@ from typing import TYPE_CHECKING, TextIO
 from taichi_sim.applications.commands.trials import changes_of, conditions_of, pairs
 from taichi_sim.applications.sitl.ardupilot import FIRST_RATE, Address, Session
 from taichi_sim.applications.sitl.channels import PWM, changes_for, read_channels
-from taichi_sim.applications.sitl.craft import Craft, Sensors, Servos
+from taichi_sim.applications.sitl.craft import Craft, Servos
+from taichi_sim.applications.sitl.driven import Sensors
 from taichi_sim.config import AirConfig, ConfigError
 from taichi_sim.config.base import MissingExtraError
 from taichi_sim.config.io import output, validate
@@ -87,7 +88,7 @@ def row(sensors: Sensors) -> tuple[float, ...]:
             *sensors.accel_body)  # fmt: skip
 
 
-def fit_out(args: argparse.Namespace, open_things: ExitStack, session: "Session | Px4Session", k: int) -> None:
+def fit_out(args: argparse.Namespace, open_things: ExitStack, session: "Session[Craft] | Px4Session", k: int) -> None:
     """Give instance k its log, recording and live view, and say where it listens."""
     if args.log is not None:
         file = _of_instance(args, args.log, k)
@@ -146,7 +147,7 @@ def serve(args: argparse.Namespace) -> None:
 
 def _opened(
     args: argparse.Namespace, k: int, wires: selectors.BaseSelector, open_things: ExitStack
-) -> "Session | Px4Session":
+) -> "Session[Craft] | Px4Session":
     """Instance k, compiled, which listens: for packets of an ArduPilot, or for the connection of a PX4."""
     px4 = args.protocol == "px4"
     wire = socket.socket(socket.AF_INET, socket.SOCK_STREAM if px4 else socket.SOCK_DGRAM)
@@ -174,7 +175,7 @@ def _opened(
     return session
 
 
-def _answer(wire: socket.socket, session: Session) -> None:
+def _answer(wire: socket.socket, session: Session[Craft]) -> None:
     """Answer all packets that have arrived: copies of one frame come together after a pause."""
     arrived: list[tuple[bytes, Address]] = []
     with suppress(BlockingIOError, ConnectionResetError):  # the latter on Windows: an answer found nobody
