@@ -14,11 +14,13 @@ came late, and gets no answer.
 
 import json
 import math
+import socket
 import struct
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from ipaddress import ip_address
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from taichi_sim.applications.sitl.craft import Counts, Servos
 from taichi_sim.applications.sitl.driven import Driven, Sensors
@@ -30,6 +32,8 @@ LONGEST_GAP = 2.0  # s; after a longer gap the lost frames are skipped
 CROSSED = 0.5  # s, of the clock; a copy that comes sooner after the answer crossed it: ArduPilot waits for 1 s
 ALIVE = 2.5  # s, of the clock, without a packet, after which another autopilot may take over
 AT_REST = 10.0  # s since its start; ArduPilot does not arm before, so its outputs are at rest
+LARGEST = 65536  # bytes of the largest packet
+AT_ONCE = 256  # most packets that are read at once
 Address = tuple[str, int]
 D = TypeVar("D", bound=Driven)
 
@@ -156,7 +160,7 @@ class Session(Generic[D]):
         servos, sensors = self.last, self.craft.sensors()
         assert servos is not None
         self.answer = encode(sensors)
-        self._unjudged &= self.craft.held or self.craft.model.medium == "water"  # what has flown had its outputs
+        self._unjudged = self._unjudged and not self.craft.flown  # what has flown had its outputs
         if self._unjudged and self.craft.time > AT_REST:
             self._unjudged = False
             self.craft.news += self.craft.mixer.strange(servos.pwm)
@@ -179,3 +183,19 @@ class Session(Generic[D]):
                 f"{told}: a second autopilot needs a port of its own (--instances 2; -I 1 there); a restarted one is "
                 f"let in once the last one has been silent for {ALIVE:g} s"
             )
+
+
+def answer_all(wire: socket.socket, session: Session[Any], tell: Callable[[str], None]) -> None:
+    """Answer all packets that have arrived: copies of one frame come together after a pause."""
+    arrived: list[tuple[bytes, Address]] = []
+    with suppress(BlockingIOError, ConnectionResetError):  # the latter on Windows: an answer found nobody
+        while len(arrived) < AT_ONCE:
+            arrived.append(wire.recvfrom(LARGEST))
+    for data, sender in arrived:
+        known = len(session.counts.refused)
+        answer = session.receive(data, sender)
+        if answer is not None:
+            with suppress(BlockingIOError):  # lost: it is asked for again
+                wire.sendto(answer, sender)
+        elif len(session.counts.refused) > known:  # at once, because whoever sent it waits for an answer
+            tell(f"refused: {next(reversed(session.counts.refused))}")

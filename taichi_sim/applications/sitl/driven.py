@@ -64,14 +64,13 @@ class Passage(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """Motion of a vehicle at a time, and the air around it; SI."""
+    """Motion of a vehicle at a time; SI."""
 
     time: float  # s
     position: np.ndarray  # NED, m
     quaternion: np.ndarray
     velocity: np.ndarray  # over ground, NED, m/s
     gyro: np.ndarray  # b, rad/s
-    wind: np.ndarray  # velocity of the air, NED, m/s
 
     def toward(self, later: "Moment", time: float) -> "Moment":
         """The moment at `time` on the straight way from this one to a `later` one."""
@@ -149,8 +148,15 @@ class Driven:
         """Measurements at the end of the last frame; the specific force is the mean over that frame."""
         raise NotImplementedError
 
-    ready = True
-    """Whether all frames that were asked for are over."""
+    @property
+    def ready(self) -> bool:
+        """Whether all frames that were asked for are over."""
+        return True
+
+    @property
+    def flown(self) -> bool:
+        """Whether it is an aircraft in flight."""
+        return self.model.medium == "air" and not self.held
 
     # -- beginning -------------------------------------------------------------------------------------------------
 
@@ -268,13 +274,14 @@ class Driven:
         """Velocity of the air that the vehicle feels [3], NED, m/s: for aircraft with turbulence and gusts."""
         if self.model.air is None:
             return self.steady_wind.cpu().numpy().astype(np.float64)
-        return torch.stack([self.fleet.reading(name)[0, self.number] for name in self.model.air]).double().cpu().numpy()
+        columns = [self.model.aux_names.index(name) for name in self.model.air]
+        return self.fleet.aux[0, self.number].cpu().numpy()[columns].astype(np.float64)
 
     def moment(self) -> Moment:
         """The vehicle now."""
         s, place = self._state(), self.fleet.position_exact[0, self.number].cpu().numpy()
-        R = numpy_rotation_matrix(s[QUATERNION])
-        return Moment(self.time, place, s[QUATERNION], R @ s[VELOCITY], s[ANGULAR_VELOCITY], self._wind())
+        v = numpy_rotation_matrix(s[QUATERNION]) @ s[VELOCITY]
+        return Moment(self.time, place, s[QUATERNION], v, s[ANGULAR_VELOCITY])
 
     def measured(self, now: Moment, before: np.ndarray, length: float, origin: np.ndarray) -> Sensors:
         """Measurements at the moment `now`, the end of a frame of `length` (s) that began with the velocity `before`
@@ -282,7 +289,7 @@ class Driven:
         """
         R = numpy_rotation_matrix(now.quaternion)
         force = R.T @ ((now.velocity - before) / length - np.array([0.0, 0.0, GRAVITY]))
-        met = R.T @ (now.wind - now.velocity)  # velocity of the air, b
+        met = R.T @ (self._wind() - now.velocity)  # velocity of the air, b
         pitot = max(float(-met[0]), 0.0) if self.model.medium == "air" else None
         w, x, y, z = map(float, now.quaternion)
         return Sensors(
