@@ -26,7 +26,7 @@ FENCE = re.compile(r"^ *```(\w*)[^\n]*\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
 FILE = re.compile(r"^```\w+ file=(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SPAN = re.compile(r"`((?:taichi-sim|python (?:rl|tools)/)[^`]*)`")
 OTHERS = {"cd", "git", "make", "mkdocs", "pyright", "pytest", "ros2", "ruff", "sim_vehicle.py", "tensorboard",
-          ".ci/run"}  # fmt: skip
+          ".ci/run", "./waf"}  # fmt: skip
 """Programs of others, whose command lines are not ours to check."""
 
 
@@ -148,6 +148,7 @@ OTHER_RUNS = {"docs/landing.md": "landing", "docs/tutorials/report.md": "buoy"}
 BUOY = ROOT / "tests" / "data" / "reference" / "buoys"
 NEEDS = {
     "taichi-sim sitl": "an autopilot at the other end: test_sitl.py",
+    "firmware_landings": "an autopilot's program: test_firmware_landings.py",
     "--live": "a viewer: test_live.py",
     "--watch": "a viewer: test_watch.py",
     "HOST": "several machines: test_processes.py",
