@@ -98,7 +98,7 @@ class Mission(Stateful, Generic[C, T]):
     """A mission in `num_envs` environments; see the module.
 
     Class attributes: `Config`, the scenario class, derived from `Scenario`; `Teams`, name -> class of a team; `Team`,
-    that of all others; `Judge`, which measures its evaluation (rl/evaluation/judge.py).
+    that of all others; `Judge`, which measures its evaluation (rl/evaluation/judge.py); `make_world`, its world.
 
     Attributes:
         config: the scenario. world: the simulated world. teams: name -> Team, of the teams that take part.
@@ -111,6 +111,7 @@ class Mission(Stateful, Generic[C, T]):
     Team: ClassVar[Callable[..., _Team]] = Team
     Teams: ClassVar[Mapping[str, Callable[..., _Team]]] = MappingProxyType({})
     Judge: ClassVar[type[_Judge]] = Judge
+    make_world: ClassVar[Callable[..., World]] = World
 
     @runtime.own_settings()
     def __init__(
@@ -127,7 +128,9 @@ class Mission(Stateful, Generic[C, T]):
         self.config, self.num_envs, self.seed, self.source = config, num_envs, seed, source
         if teams is not None:
             teams = [*teams, *(name for name in config.scripted if name not in teams)]
-        self.world = self.remember(World(config, num_envs, seed=derive_seed(seed, "sea"), teams=teams, source=source))
+        self.world = self.remember(
+            self.make_world(config, num_envs, seed=derive_seed(seed, "sea"), teams=teams, source=source)
+        )
         self.program, self.device = self.world.program, self.world.program.device
         self.generator = self.share(torch.Generator().manual_seed(derive_seed(seed, "episodes")))
         self.steps = self.remember(torch.zeros(num_envs, dtype=torch.int64, device=self.device))

@@ -239,6 +239,11 @@ class World(Stateful):
         for name, script in self.scripts.items():
             if name not in checked:
                 checked[name] = self._checked(name, script(self), f"the script of {name}")
+        self._advance(checked)
+        return checked
+
+    def _advance(self, checked: dict[str, torch.Tensor]) -> None:
+        """Make a step under actions that are right."""
         self.sea.phases(self.env_sea, self.time, out=self._phase)
         before, touch = {}, {}
         if self.dump_folder:
@@ -251,7 +256,6 @@ class World(Stateful):
         if self.dump_folder:
             self._dump_faults(before, touch, checked, self.dump_folder)
         self._pass_time()
-        return checked
 
     def checked(self, actions: Mapping[str, ArrayLike | torch.Tensor] | None) -> dict[str, torch.Tensor]:
         """Actions that `step` would take, clipped, in run precision; nothing moves.

@@ -124,6 +124,38 @@ class PacedPeer(Peer):
         return answer
 
 
+class Mate:
+    """An autopilot of a world: it has sent a frame whenever the world waits for it.
+
+    Attributes:
+        frame: the one to be sent next. heard: answers, parsed, since the last restart.
+    """
+
+    def __init__(self, session, outputs: Callable[[dict | None], list[int]], rate: int = 400):
+        """`outputs` gives pulse widths for the last answer, None at first."""
+        self.session, self.outputs, self.rate = session, outputs, rate
+        self.peer, self.heard = Peer(lambda data: None, rate), []
+
+    def restart(self) -> None:
+        """It begins anew at frame 0; the answer to the old one is lost."""
+        self.peer.frame, self.heard = 0, []
+        self._send()
+
+    def poll(self) -> None:
+        """Take an answer that is due, and send frames until one is not answered at once."""
+        if self.session.answer is None and self.session.craft.ready:
+            self.heard.append(json.loads(self.session.complete()))
+        while self.session.craft.ready:
+            self._send()
+
+    def _send(self) -> None:
+        data = self.peer.packet(self.outputs(self.heard[-1] if self.heard else None))
+        self.peer.frame += 1
+        answer = self.session.receive(data, ("127.0.0.1", 5501))
+        if answer is not None:
+            self.heard.append(json.loads(answer))
+
+
 class Copter:
     """The outputs of a copter's autopilot: a position is held by tilt, attitude by rates, rotors by their allocation.
 

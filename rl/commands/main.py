@@ -41,7 +41,7 @@ SCRIPTS = {  # name -> module, further arguments, description
         "numbers of a vehicle file from logs of a vessel's motion, with intervals",
     ),
     "sitl": (
-        "taichi_sim.applications.commands.sitl",
+        "rl.commands.sitl",
         (),
         "be the physics of ArduPilot's SITL (JSON interface) or PX4's (MAVLink)",
     ),

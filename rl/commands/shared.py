@@ -307,6 +307,7 @@ def user_errors() -> tuple[type[Exception], ...]:
     from rl.pilot.companion import PilotError
     from rl.runs.folder import RunError
     from rl.team import ControllerError
+    from taichi_sim.applications.sitl.lockstep import SilentError
     from taichi_sim.config import ConfigError
     from taichi_sim.config.arguments import ActionError
     from taichi_sim.config.base import MissingExtraError
@@ -316,7 +317,7 @@ def user_errors() -> tuple[type[Exception], ...]:
     from taichi_sim.visualisation.recording.ros import BagError
 
     of_files = ConfigError, RunError, CheckpointError, FilmError, BagError, MissingExtraError, PilotError
-    return *of_files, ControllerError, SteepSeaError, ActionError, DivergedError, NotFiniteError
+    return *of_files, SilentError, ControllerError, SteepSeaError, ActionError, DivergedError, NotFiniteError
 
 
 def run(main: Callable[[list[str] | None], None], argv: list[str] | None = None) -> int:

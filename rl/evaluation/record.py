@@ -151,7 +151,7 @@ def record_episode(
     with runtime.torch_at_rest():
         for i in tqdm(range(steps), desc="record", unit="step", disable=not show_progress):
             step = task.step({name: policies[name](team) for name, team in task.teams.items()})
-            new = _events(step, (i + 1) * config.decision_interval, known, task.Judge.goals, env)
+            new = events_of(step, (i + 1) * config.decision_interval, known, task.Judge.goals, env)
             events += new
             if any(bool(ended["diverged"][env].any()) for ended in step.endings.values()):
                 break  # what follows is no motion
@@ -170,7 +170,10 @@ def record_episode(
     )
 
 
-def _events(step: Step, time: float, known: set[tuple[str, int, str]], goals: Sequence[str], env: int) -> list[Event]:
+def events_of(step: Step, time: float, known: set[tuple[str, int, str]], goals: Sequence[str], env: int) -> list[Event]:
+    """Endings in a step of environment `env` at `time` (s) that are not `known` yet, and then are; `goals` of them are
+    what a vehicle was to do.
+    """
     found = []
     for team, ended in step.endings.items():
         for field in ended:

@@ -87,15 +87,13 @@ class Aircraft(Team[Parts, LandingTeam]):
         """Prepare team `name`, which lands on `decks`.
 
         Raises:
-            ConfigError: for aircraft that are not multirotors with legs, commanded by velocities.
+            ConfigError: for aircraft that are not multirotors with legs.
         """
         super().__init__(mission, name)
         config, state, model = mission.config, self.fleet.state, self.fleet.model
         told = f"{name}.vehicle = {self.section.vehicle!r}"
         if not isinstance(model, Multirotor6DOF) or model.legs is None:
             raise ConfigError(f"{told}: to land it must be a multirotor_6dof with [legs]")
-        if model.actions != "velocity":
-            raise ConfigError(f'{told} has control.actions = "{model.actions}": to land it needs "velocity"')
         self.model, self.decks, self.interval = model, decks, config.decision_interval
         boats = config.parts[config.landing.boats].count
         self.boat_of = torch.arange(self.fleet.count, device=state.device) % boats
@@ -269,7 +267,15 @@ class Aircraft(Team[Parts, LandingTeam]):
 
         Once a sole is on the deck and all are over it, the actions command full descent, so that the rotors idle. An
         aircraft whose turn it is not flies to its holding point.
+
+        Raises:
+            ConfigError: for aircraft that are not commanded by velocities.
         """
+        if self.model.actions != "velocity":
+            raise ConfigError(
+                f"{self.name}.vehicle = {self.section.vehicle!r} has control.actions = {self.model.actions!r}: to land "
+                'it needs "velocity"'
+            )
         known, demands, touches = self.known_deck, self.model.demands, self.lets_go
         idles = self.standing
         if not self.alone:

@@ -1,6 +1,7 @@
 """Be the physics of an autopilot's SITL: a vehicle in our sea and wind, driven by its outputs.
 
     taichi-sim sitl VEHICLE [--protocol ardupilot|px4] [--port N] [options]
+    taichi-sim sitl SCENARIO --autopilot TEAM.NUMBER=PORT ...              # a world; --autopilot --help explains it
 
     taichi-sim sitl otter --set 'actions="left_right"' --sea hs=0.5,tp=4   # sim_vehicle -v Rover --model JSON
     taichi-sim sitl kvlcc2 --wind 6 270 --log run.csv --record run.rrd
@@ -32,9 +33,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 from taichi_sim.applications.commands.trials import changes_of, conditions_of, pairs
-from taichi_sim.applications.sitl.ardupilot import FIRST_RATE, Address, Session
+from taichi_sim.applications.sitl.ardupilot import FIRST_RATE, LARGEST, Session, answer_all
 from taichi_sim.applications.sitl.channels import PWM, changes_for, read_channels
-from taichi_sim.applications.sitl.craft import Craft, Sensors, Servos
+from taichi_sim.applications.sitl.craft import Craft, Servos
+from taichi_sim.applications.sitl.driven import Sensors
 from taichi_sim.config import AirConfig, ConfigError
 from taichi_sim.config.base import MissingExtraError
 from taichi_sim.config.io import output, validate
@@ -47,8 +49,6 @@ if TYPE_CHECKING:
     from taichi_sim.applications.sitl.record import CraftRecording
 
 PORTS = {"ardupilot": (9002, 10), "px4": (4560, 1)}  # protocol -> first port, difference of consecutive instances
-LARGEST = 65536  # bytes of the largest packet
-AT_ONCE = 256  # most packets that are read at once
 PRINT_EVERY = 5.0  # s between lines of progress
 COLUMNS = (
     "t", "north", "east", "down", "roll", "pitch", "yaw", "v_north", "v_east", "v_down", "p", "q", "r", "a_x", "a_y",
@@ -87,11 +87,11 @@ def row(sensors: Sensors) -> tuple[float, ...]:
             *sensors.accel_body)  # fmt: skip
 
 
-def fit_out(args: argparse.Namespace, open_things: ExitStack, session: "Session | Px4Session", k: int) -> None:
+def fit_out(args: argparse.Namespace, open_things: ExitStack, session: "Session[Craft] | Px4Session", k: int) -> None:
     """Give instance k its log, recording and live view, and say where it listens."""
     if args.log is not None:
         file = _of_instance(args, args.log, k)
-        session.seen.append(_logger(open_things.enter_context(file.open("w", newline=""))))
+        session.seen.append(logger(open_things.enter_context(file.open("w", newline=""))))
     if args.record is not None:
         from taichi_sim.applications.sitl.record import CraftRecording  # importing rerun takes a second
 
@@ -146,7 +146,7 @@ def serve(args: argparse.Namespace) -> None:
 
 def _opened(
     args: argparse.Namespace, k: int, wires: selectors.BaseSelector, open_things: ExitStack
-) -> "Session | Px4Session":
+) -> "Session[Craft] | Px4Session":
     """Instance k, compiled, which listens: for packets of an ArduPilot, or for the connection of a PX4."""
     px4 = args.protocol == "px4"
     wire = socket.socket(socket.AF_INET, socket.SOCK_STREAM if px4 else socket.SOCK_DGRAM)
@@ -169,25 +169,9 @@ def _opened(
         session = Session(craft)
         craft.compile(FIRST_RATE)
         wire.setblocking(False)
-        wires.register(wire, selectors.EVENT_READ, partial(_answer, wire, session))
+        wires.register(wire, selectors.EVENT_READ, partial(answer_all, wire, session, _complain))
     fit_out(args, open_things, session, k)
     return session
-
-
-def _answer(wire: socket.socket, session: Session) -> None:
-    """Answer all packets that have arrived: copies of one frame come together after a pause."""
-    arrived: list[tuple[bytes, Address]] = []
-    with suppress(BlockingIOError, ConnectionResetError):  # the latter on Windows: an answer found nobody
-        while len(arrived) < AT_ONCE:
-            arrived.append(wire.recvfrom(LARGEST))
-    for data, sender in arrived:
-        known = len(session.counts.refused)
-        answer = session.receive(data, sender)
-        if answer is not None:
-            with suppress(BlockingIOError):  # lost: it is asked for again
-                wire.sendto(answer, sender)
-        elif len(session.counts.refused) > known:  # at once, because whoever sent it waits for an answer
-            print(f"refused: {next(reversed(session.counts.refused))}", file=sys.stderr, flush=True)
 
 
 def _let_in(door: socket.socket, session: "Px4Session", wires: selectors.BaseSelector, open_things: ExitStack) -> None:
@@ -223,6 +207,10 @@ def _hear(wire: socket.socket, session: "Px4Session", wires: selectors.BaseSelec
         wire.close()
 
 
+def _complain(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
 def _of_instance(args: argparse.Namespace, file: Path, k: int) -> Path:
     return file if args.instances == 1 else file.with_stem(f"{file.stem}-{k}")
 
@@ -232,7 +220,8 @@ def _finish(reel: "CraftRecording") -> None:
         print(file, flush=True)
 
 
-def _logger(file: TextIO) -> Callable[[Servos, Sensors], None]:
+def logger(file: TextIO) -> Callable[[Servos, Sensors], None]:
+    """A writer of frames as rows of a table, for `Session.seen`."""
     table = csv.writer(file)
 
     def seen(servos: Servos, sensors: Sensors) -> None:

@@ -14,12 +14,16 @@ came late, and gets no answer.
 
 import json
 import math
+import socket
 import struct
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from ipaddress import ip_address
+from typing import Any, Generic, TypeVar
 
-from taichi_sim.applications.sitl.craft import Counts, Craft, Sensors, Servos
+from taichi_sim.applications.sitl.craft import Counts, Servos
+from taichi_sim.applications.sitl.driven import Driven, Sensors
 
 MAGIC = {18458: 16, 29569: 32}  # magic -> servo channels
 FIRST_RATE = 1200  # Hz, with which ArduPilot starts
@@ -28,7 +32,10 @@ LONGEST_GAP = 2.0  # s; after a longer gap the lost frames are skipped
 CROSSED = 0.5  # s, of the clock; a copy that comes sooner after the answer crossed it: ArduPilot waits for 1 s
 ALIVE = 2.5  # s, of the clock, without a packet, after which another autopilot may take over
 AT_REST = 10.0  # s since its start; ArduPilot does not arm before, so its outputs are at rest
+LARGEST = 65536  # bytes of the largest packet
+AT_ONCE = 256  # most packets that are read at once
 Address = tuple[str, int]
+D = TypeVar("D", bound=Driven)
 
 
 class PacketError(ValueError):
@@ -80,16 +87,16 @@ def encode(sensors: Sensors) -> bytes:
     return b"\n" + json.dumps(data, separators=(",", ":")).encode() + b"\n"
 
 
-class Session:
+class Session(Generic[D]):
     """A craft and the one peer that drives it."""
 
-    def __init__(self, craft: Craft, clock: Callable[[], float] = time.monotonic):
+    def __init__(self, craft: D, clock: Callable[[], float] = time.monotonic):
         """Start without a peer; `clock` gives the time of arrival, s."""
         self.craft, self.counts, self.clock = craft, Counts(), clock
         self.seen: list[Callable[[Servos, Sensors], None]] = []  # called after each new frame
         self.peer: Address | None = None  # sender of the first valid packet
         self.last: Servos | None = None
-        self.answer = b""
+        self.answer: bytes | None = b""  # None while a frame is not over
         self._heard = self._answered = -math.inf  # s, of the clock: the peer, and the last frame
         self._unjudged = False  # whether the outputs of an autopilot that started are still to be looked at
 
@@ -108,7 +115,9 @@ class Session:
         )
 
     def receive(self, data: bytes, sender: Address) -> bytes | None:
-        """Process a packet of `sender`; return the answer, or None for a packet that is refused or late."""
+        """Process a packet of `sender`; return the answer, or None for a packet that is refused or late, and for a
+        frame that is not over yet: `complete` will give its answer.
+        """
         try:
             servos = parse(data)
             self._check_sender(sender, servos)
@@ -125,7 +134,7 @@ class Session:
             gap, self._unjudged = 1, servos.frame == 0
         elif servos.frame == last.frame:
             self.counts.repeated += 1
-            if now - self._answered < CROSSED:
+            if self.answer is None or now - self._answered < CROSSED:
                 return None
             self._answered = now
             return self.answer
@@ -142,11 +151,16 @@ class Session:
                 self.craft.advance(last.pwm)
             self.counts.lost += gap - 1
         self.craft.advance(servos.pwm)
-        self.last, self.peer = servos, sender
+        self.last, self.peer, self.answer = servos, sender, None
         self.counts.frames += 1
-        sensors = self.craft.sensors()
+        return self.complete() if self.craft.ready else None
+
+    def complete(self) -> bytes:
+        """The answer to the last frame, which is over."""
+        servos, sensors = self.last, self.craft.sensors()
+        assert servos is not None
         self.answer = encode(sensors)
-        self._unjudged &= self.craft.held or self.craft.model.medium == "water"  # what has flown had its outputs
+        self._unjudged = self._unjudged and not self.craft.flown  # what has flown had its outputs
         if self._unjudged and self.craft.time > AT_REST:
             self._unjudged = False
             self.craft.news += self.craft.mixer.strange(servos.pwm)
@@ -169,3 +183,19 @@ class Session:
                 f"{told}: a second autopilot needs a port of its own (--instances 2; -I 1 there); a restarted one is "
                 f"let in once the last one has been silent for {ALIVE:g} s"
             )
+
+
+def answer_all(wire: socket.socket, session: Session[Any], tell: Callable[[str], None]) -> None:
+    """Answer all packets that have arrived: copies of one frame come together after a pause."""
+    arrived: list[tuple[bytes, Address]] = []
+    with suppress(BlockingIOError, ConnectionResetError):  # the latter on Windows: an answer found nobody
+        while len(arrived) < AT_ONCE:
+            arrived.append(wire.recvfrom(LARGEST))
+    for data, sender in arrived:
+        known = len(session.counts.refused)
+        answer = session.receive(data, sender)
+        if answer is not None:
+            with suppress(BlockingIOError):  # lost: it is asked for again
+                wire.sendto(answer, sender)
+        elif len(session.counts.refused) > known:  # at once, because whoever sent it waits for an answer
+            tell(f"refused: {next(reversed(session.counts.refused))}")

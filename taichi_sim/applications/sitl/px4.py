@@ -22,7 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from taichi_sim.applications.sitl.craft import HELD_HEIGHT, Counts, Craft, Sensors, Servos
+from taichi_sim.applications.sitl.craft import HELD_HEIGHT, Counts, Craft, Servos
+from taichi_sim.applications.sitl.driven import Sensors
 from taichi_sim.config.base import MissingExtraError
 from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.kernels.rotation import numpy_rotation_matrix

@@ -8,7 +8,8 @@ from typing import cast
 
 from torch import Tensor
 
-from taichi_sim.applications.sitl.craft import Craft, Sensors, Servos
+from taichi_sim.applications.sitl.craft import Craft, Servos
+from taichi_sim.applications.sitl.driven import Sensors
 from taichi_sim.config import WorldConfig
 from taichi_sim.fleet import Fleet
 from taichi_sim.surroundings.around_vehicles import Surroundings

@@ -190,10 +190,23 @@ class Contacts(Remembers):
         self.placed[envs] = True
         if fleet.touch is not None:
             fleet.touch.forget(envs)
+        self._leave(fleet, envs, 0, fleet.count)
+
+    def put(self, fleet: Fleet[Vehicle], number: int) -> None:
+        """Forget the contacts of vehicle `number` of a team, which was placed anew in environment 0."""
+        if self.placed is None:
+            return
+        self.placed[0] = True
+        if fleet.touch is not None:
+            fleet.touch.forget(0, number)
+        self._leave(fleet, torch.zeros(1, dtype=torch.int64, device=self.placed.device), number, number + 1)
+
+    def _leave(self, fleet: Fleet[Vehicle], envs: Tensor, first: int, last: int) -> None:
+        """Forget the contacts with vehicles `first` to `last` - 1 of a team in environments `envs` [n]."""
         for carriers in self.carriers:
             if carriers.fleet is fleet:
                 for touch in self._touches:
-                    touch.leave(envs, carriers.base, carriers.base + fleet.count)
+                    touch.leave(envs, carriers.base + first, carriers.base + last)
 
     def _check_starts(self, envs: Tensor) -> None:
         """Refuse a start in environments `envs` [n] in which a deck's plane passes through a vehicle with legs."""

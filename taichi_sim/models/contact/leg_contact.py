@@ -85,10 +85,10 @@ class Touch(Remembers):
         """Whether all soles of each vehicle are on a deck, bool [env, vehicle]."""
         return (self.soles[..., SOLE_SIZE - 1 :: SOLE_SIZE] == DOWN).all(dim=-1)
 
-    def forget(self, envs: Tensor) -> None:
-        """Forget the contacts of vehicles in environments `envs` [n]."""
+    def forget(self, envs: Tensor | int, vehicle: int | slice = slice(None)) -> None:
+        """Forget the contacts of vehicles (default: all) in environments `envs` [n]."""
         for memory in (self.pressing, self.soles, self.struck, self.blow):
-            memory[envs] = 0.0
+            memory[envs, vehicle] = 0.0
 
     def leave(self, envs: Tensor, first: int, last: int) -> None:
         """Forget the contacts with decks `first` to `last` - 1 in environments `envs` [n]."""

@@ -1,0 +1,123 @@
+"""Stands in for ArduCopter's program: the JSON interface, and as much of MAVLink as a landing needs (no firmware).
+
+    copter_standin.py --instance N --serial0 udpclient:ADDRESS:PORT --home LAT,LON,...
+
+It arms on request, takes off, follows a place and a velocity in GUIDED, sinks at 0.5 m/s in LAND, and disarms when that
+moves it no more. Control is that of sitl_peer.Copter, for a t650.
+"""
+
+import argparse
+import math
+import socket
+import sys
+import tomllib
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+
+sys.path[:0] = [str(Path(__file__).resolve().parent), str(Path(__file__).resolve().parents[1])]
+
+from pymavlink import mavutil  # noqa: E402
+from sitl_peer import Copter, Peer  # noqa: E402
+
+RATE, METRES = 400, 111_319.5  # Hz; m per degree
+NEAR = 5.0  # m, farther goals are drawn in: they set its speed
+LAND_SPEED, STOPPED = 0.5, 0.1  # m/s
+
+
+def t650() -> SimpleNamespace:
+    """The numbers of the vehicle file that `Copter` asks for."""
+    file = Path(__file__).resolve().parents[1] / "configs" / "vehicles" / "t650.toml"
+    data = tomllib.loads(file.read_text())
+    body = data["physical"]
+    inertia = np.diag([body["Jx"], body["Jy"], body["Jz"]])
+    return SimpleNamespace(
+        physical=SimpleNamespace(mass=body["mass"], cg=body["cg"], inertia=inertia),
+        rotor=SimpleNamespace(**data["rotor"]), rotors=[SimpleNamespace(**r) for r in data["rotors"]],
+    )  # fmt: skip
+
+
+class StandIn:
+    """The autopilot: what it was told, and what it does about it."""
+
+    def __init__(self, wire: socket.socket, link, home: tuple[float, float]):
+        self.link, self.home, self.pilot = link, home, Copter(t650())
+        self.armed, self.landing, self.goal, self.moves, self.still = False, False, None, np.zeros(3), 0
+
+        def answered(data: bytes) -> bytes | None:
+            wire.send(data)
+            return wire.recv(65536)
+
+        self.peer = Peer(answered, RATE)
+
+    def run(self) -> None:
+        """Until nobody answers."""
+        told = self.peer.step([1000] * 4)
+        while True:
+            self.hear(told)
+            if self.peer.frame % (RATE // 10) == 0:
+                self.tell(told)
+            told = self.peer.step(self.outputs(told))
+
+    def outputs(self, told: dict) -> list[int]:
+        """Pulse widths."""
+        if not self.armed or self.goal is None:
+            return [1000] * 4
+        p, v = np.array(told["position"]), np.array(told["velocity"])
+        if self.landing:
+            self.goal = np.array([*self.goal[:2], p[2] + 1.0])
+            self.still = self.still + 1 if abs(v[2]) < STOPPED else 0
+            self.armed = self.still < RATE // 4
+        away = self.goal - p
+        self.pilot.goal = p + away * min(1.0, NEAR / max(np.linalg.norm(away[:2]), 1e-6))
+        return self.pilot.outputs(told | {"velocity": list(v - self.moves * [1.0, 1.0, 0.0])})
+
+    def hear(self, told: dict) -> None:
+        """Take commands."""
+        while (message := self.link.recv_match(blocking=False)) is not None:
+            kind = message.get_type()
+            if kind == "COMMAND_LONG" and message.command == mavutil.mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
+                self.armed = True
+            elif (
+                kind == "COMMAND_LONG" and message.command == mavutil.mavlink.MAV_CMD_NAV_TAKEOFF and self.goal is None
+            ):
+                self.goal = np.array(told["position"]) - [0.0, 0.0, message.param7]
+            elif kind == "COMMAND_LONG" and message.command == mavutil.mavlink.MAV_CMD_DO_SET_MODE:
+                self.landing = message.param2 == 9
+            elif kind == "SET_POSITION_TARGET_GLOBAL_INT" and not self.landing:
+                north = (message.lat_int / 1e7 - self.home[0]) * METRES
+                east = (message.lon_int / 1e7 - self.home[1]) * METRES * math.cos(math.radians(self.home[0]))
+                self.goal, self.moves = (
+                    np.array([north, east, -message.alt]),
+                    np.array([message.vx, message.vy, message.vz]),
+                )
+
+    def tell(self, told: dict) -> None:
+        """Send a heartbeat and the position."""
+        (north, east, down), v = told["position"], [round(100 * x) for x in told["velocity"]]
+        self.link.mav.heartbeat_send(2, 3, 128 if self.armed else 0, 4, 4)
+        self.link.mav.global_position_int_send(
+            round(1e3 * told["timestamp"]), round(1e7 * (self.home[0] + north / METRES)),
+            round(1e7 * (self.home[1] + east / (METRES * math.cos(math.radians(self.home[0]))))), round(-1e3 * down),
+            round(-1e3 * down), *v, 0,
+        )  # fmt: skip
+
+
+def main() -> None:
+    """Run the program."""
+    p = argparse.ArgumentParser()
+    p.add_argument("--instance", type=int)
+    p.add_argument("--home")
+    p.add_argument("--serial0")
+    args, _ = p.parse_known_args()
+    home = tuple(float(x) for x in args.home.split(",")[:2])
+    link = mavutil.mavlink_connection("udpout:" + args.serial0.partition(":")[2], source_system=1)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
+        wire.settimeout(60.0)
+        wire.connect(("127.0.0.1", 9002 + 10 * args.instance))
+        StandIn(wire, link, home).run()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,47 @@
+"""tools/firmware_landings.py against a stand-in that speaks as much MAVLink as a landing needs; no firmware."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from tools import firmware_landings
+
+HERE = Path(__file__).resolve().parent
+CALM = (
+    "landing.distance=[3,4]", "landing.height=[3,4]", "course.speed=[0,0]", "sea.sea_state=2", "air.speed=0",
+    'air.turbulence="none"', "air.std=0", "vary={}", "episode_duration=40",
+)  # fmt: skip
+SETS = [word for text in CALM for word in ("--set", text)]
+
+
+def _program(folder: Path, text: str) -> Path:
+    file = folder / "program"
+    file.write_text(f"#!/bin/sh\n{text}\n")
+    file.chmod(0o755)
+    return file
+
+
+@pytest.mark.slow
+def test_a_stand_in_takes_off_flies_to_the_deck_and_lands(tmp_path, capsys):
+    """In calm air and hs 0.3 m: the whole way of commands, and the benchmark's judge."""
+    pytest.importorskip("pymavlink")
+    file = _program(tmp_path, f'exec "{sys.executable}" "{HERE / "copter_standin.py"}" "$@"')
+    words = ["--autopilot", str(file), "--landings", "1", "--instance", "41", "--json", str(tmp_path / "out.json")]
+    assert firmware_landings.main([*words, *SETS]) == 0, capsys.readouterr().err
+    figures = json.loads((tmp_path / "out.json").read_text())["figures"]
+    assert figures["success_rate"][0] == 1.0 and figures["touch_error_m"][0] < 0.5
+    assert 0.2 < figures["touch_speed_m_s"][0] < 1.0
+
+
+def test_what_is_no_autopilot_is_refused(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("pymavlink")
+    monkeypatch.setattr(firmware_landings, "COMES_WITHIN", 1.0)
+    for path, told in (
+        (tmp_path / "nothing", "no program that could be run"),
+        (HERE / "test_firmware_landings.py", "no program that could be run"),
+        (_program(tmp_path, "echo no sim here; exit 3"), "It has ended with status 3. no sim here"),
+    ):
+        assert firmware_landings.main(["--autopilot", str(path), "--instance", "42", *SETS]) == 1
+        assert told in capsys.readouterr().err

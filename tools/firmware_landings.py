@@ -1,0 +1,282 @@
+"""Let ArduCopter land on the deck of a boat at sea, many times, and judge it as the landing benchmark judges policies.
+
+    python tools/firmware_landings.py --autopilot ardupilot/build/sitl/bin/arducopter --landings 64
+
+Each landing is an episode of its own. The copter stands in the air where the mission places it, arms, takes off and
+flies to the deck in GUIDED, by a script that does what a user could by MAVLink: it knows the deck's place and velocity
+exactly, follows them 10 times a second, waits over the deck, sinks with it, and asks for LAND just above it. The boat
+sails by the mission's helm. An episode is measured from where the copter is as near as the mission's episodes begin.
+
+Needs pymavlink: pip install "taichi-sim[ardupilot]". docs/sitl.md says what has been confirmed with real firmware.
+"""
+
+import argparse
+import json
+import math
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if __package__ in (None, ""):
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+HOME = 63.48, 10.40  # deg, of the world's origin
+METRES = 111_319.5  # per degree of latitude, as ArduPilot has it
+PARAMETERS = {
+    "FRAME_CLASS": 1, "FRAME_TYPE": 1, "SIM_RATE_HZ": 400, "ARMING_CHECK": 0, "INS_GYR_CAL": 0, "FS_THR_ENABLE": 0,
+    "FS_GCS_ENABLE": 0, "FS_EKF_ACTION": 1, "LOG_BACKEND_TYPE": 0, "LAND_SPEED": 50,
+}  # fmt: skip
+"""ArduCopter's; a file of --defaults comes after them."""
+GUIDED, LAND = 4, 9  # modes of ArduCopter
+COMES_WITHIN = 30.0  # s, of the clock, for the first frame, and for any other
+READY_WITHIN = 120.0  # s, of simulated time, for arming
+CLIMB = 3.0  # m, of the take-off
+AGAIN = 1.0  # s between two tries of a command
+AWAY = 60.0  # s to come near, for each 100 m; assumed
+HOVER, NEAR, WAITS = 3.0, 0.3, 1.0  # m over the deck, m from its middle, s near it before sinking; assumed
+SINKS, LANDS = 0.4, 0.3  # m/s over the deck, and height in m at which LAND is asked for; assumed
+POSITION_AND_VELOCITY = 0b1100_0000_0000 | 0b1_1100_0000  # type_mask: no acceleration, yaw and its rate
+EARTH_FRAME = 5  # MAV_FRAME_GLOBAL_INT: latitude, longitude, height above mean sea level
+
+
+class AutopilotError(RuntimeError):
+    """A program that is no autopilot, or one that does not fly."""
+
+
+class Script:
+    """What a user's script does on the copter, by MAVLink; every number is NED, m, m/s, from the world's origin.
+
+    Attributes:
+        phase: "arms", "climbs", "comes", "sinks", "lands". place: of the copter, as it tells. texts: its last words.
+    """
+
+    def __init__(self, link: Any, soles: float, height: float):
+        """Fly by `link` (pymavlink) a copter whose soles are `soles` below its origin, to a deck `height` m below."""
+        self.link, self.soles, self.height = link, soles, height
+        self.phase, self.place, self.start = "arms", None, None
+        self.texts: list[str] = []
+        self._armed, self._asked, self._near, self._gap = False, -math.inf, 0.0, HOVER
+
+    def __call__(self, time: float, interval: float, deck: NDArray[np.float64], moves: NDArray[np.float64]) -> None:
+        """Act at `time` (s) by what has come since the last `interval` (s); `deck` and how it `moves` [3]."""
+        self._hear()
+        if self.phase == "arms":
+            if self._armed and self.place is not None and time - self._asked > AGAIN:
+                self._command("MAV_CMD_NAV_TAKEOFF", 0, 0, 0, 0, 0, 0, CLIMB)
+                self._asked = time
+            elif not self._armed and time - self._asked > AGAIN:
+                self._mode(GUIDED)
+                self._command("MAV_CMD_SET_MESSAGE_INTERVAL", 33, 1e6 * interval)  # GLOBAL_POSITION_INT
+                self._command("MAV_CMD_COMPONENT_ARM_DISARM", 1)
+                self._asked = time
+            if self.place is not None:
+                self.start = self.place if self.start is None or not self._armed else self.start
+                if self._armed and self.start[2] - self.place[2] > 0.8 * CLIMB:
+                    self.phase = "comes"
+            return
+        assert self.place is not None
+        off = math.hypot(*(self.place - deck)[:2])
+        gap = HOVER
+        if self.phase == "comes":
+            gap = HOVER if off < 3 * HOVER else self.height
+            self._near = self._near + interval if off < NEAR and abs(deck[2] - self.place[2]) < 2 * HOVER else 0.0
+            if self._near > WAITS:
+                self.phase = "sinks"
+        elif self.phase == "sinks":
+            if off < NEAR:
+                self._gap -= SINKS * interval
+            gap = self._gap
+            if deck[2] - self.place[2] - self.soles < LANDS:
+                self.phase, self._asked = "lands", -math.inf
+        if self.phase == "lands":
+            if time - self._asked > AGAIN:
+                self._mode(LAND)
+                self._asked = time
+            return
+        north, east, down = deck - [0.0, 0.0, gap + self.soles]
+        v = moves + [0.0, 0.0, SINKS if self.phase == "sinks" else 0.0]
+        self.link.mav.set_position_target_global_int_send(
+            0, 1, 1, EARTH_FRAME, POSITION_AND_VELOCITY, round(1e7 * (HOME[0] + north / METRES)),
+            round(1e7 * (HOME[1] + east / (METRES * math.cos(math.radians(HOME[0]))))), -down, *v, 0, 0, 0, 0, 0,
+        )  # fmt: skip
+
+    def _hear(self) -> None:
+        while (told := self.link.recv_match(blocking=False)) is not None:
+            kind = told.get_type()
+            if kind == "HEARTBEAT":
+                self._armed = bool(told.base_mode & 128)
+            elif kind == "GLOBAL_POSITION_INT" and told.lat:
+                north = (told.lat / 1e7 - HOME[0]) * METRES
+                east = (told.lon / 1e7 - HOME[1]) * METRES * math.cos(math.radians(HOME[0]))
+                self.place = np.array([north, east, -told.alt / 1e3])
+            elif kind == "STATUSTEXT":
+                self.texts = [*self.texts[-4:], told.text]
+
+    def _command(self, name: str, *values: float) -> None:
+        from pymavlink import mavutil
+
+        number = getattr(mavutil.mavlink, name)
+        self.link.mav.command_long_send(1, 1, number, 0, *(*values, *(0.0,) * (7 - len(values))))
+
+    def _mode(self, mode: int) -> None:
+        self._command("MAV_CMD_DO_SET_MODE", 1, mode)
+
+
+def program(path: Path) -> Path:
+    """The autopilot's file.
+
+    Raises:
+        AutopilotError: if it cannot be run.
+    """
+    if not path.is_file() or not os.access(path, os.X_OK):
+        raise AutopilotError(f"--autopilot {path}: no program that could be run; docs/sitl.md says how to build one")
+    return path.resolve()
+
+
+def free_port() -> int:
+    """A UDP port of this machine that nobody has."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
+        wire.bind(("127.0.0.1", 0))
+        return wire.getsockname()[1]
+
+
+def land(args: argparse.Namespace, config: Any, source: Path, seed: int) -> Any:
+    """The judge of one landing.
+
+    Raises:
+        AutopilotError: for a program that is no autopilot, or that does not arm or come near.
+    """
+    from pymavlink import mavutil
+
+    from rl.runs.autopilots import others, shared_mission
+    from taichi_sim.applications.sitl.lockstep import SilentError, Station
+
+    name = config.landing.aircraft
+    craft, port, mine = (name, 0), 9002 + 10 * args.instance, free_port()
+    longest = config.episode_duration + READY_WITHIN + 1e3
+    mission: Any = shared_mission(
+        config.model_copy(update={"episode_duration": longest}), [craft], seed=seed, rate=400.0, source=source
+    )
+    policies = others("classical", mission, [craft])
+    limit, dt = config.episode_steps, config.decision_interval
+    with tempfile.TemporaryDirectory() as folder:
+        files = [Path(folder) / "landing.parm", *(file.resolve() for file in args.defaults)]
+        files[0].write_text("".join(f"{key} {value}\n" for key, value in PARAMETERS.items()))
+        station = Station(mission.world, {craft: port}, {}, address="127.0.0.1", timeout=COMES_WITHIN, tell=print)
+        link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{mine}", source_system=255)
+        log = (Path(folder) / "log.txt").open("w+b")
+        words = [args.autopilot, "--wipe", "--model", "JSON:127.0.0.1", "--instance", args.instance, "--home",
+                 f"{HOME[0]},{HOME[1]},0,0", "--defaults", ",".join(map(str, files)),
+                 "--serial0", f"udpclient:127.0.0.1:{mine}"]  # fmt: skip
+        process = subprocess.Popen([*map(str, words)], cwd=folder, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+        try:
+            mission.measure_anew()
+            script = Script(link, mission.aircraft.soles_below, config.landing.height[0])
+            judge, number, time = None, 0, 0.0
+            while judge is None or (number < limit and (judge.outcome < 0).any()):
+                step = mission.step({team: policies[team](of) for team, of in mission.teams.items()})
+                mission.perceive()
+                time += dt
+                deck = mission.aircraft.deck
+                script(time, dt, *(x[0, 0].double().cpu().numpy() for x in (deck.place, deck.velocity)))
+                away = float(mission.aircraft.distance[0, 0])
+                if judge is not None:
+                    number += 1
+                    judge.see(step, number)
+                elif script.phase != "arms" and away < config.landing.distance[1]:
+                    judge = mission.Judge(mission, name)
+                elif time > READY_WITHIN + (AWAY * away / 100 if script.phase != "arms" else 0.0):
+                    told = f"after {time:.0f} s of its time it still {script.phase}; it says {script.texts}"
+                    raise AutopilotError(f"{args.autopilot}: {told}")
+            return judge
+        except SilentError as error:
+            log.seek(0)
+            last = log.read().decode(errors="replace").strip().splitlines()[-1:]
+            ended = "" if process.poll() is None else f" It has ended with status {process.returncode}."
+            told = f"{error}.{ended} {' '.join(last)}"
+            raise AutopilotError(f"--autopilot {args.autopilot}: no ArduPilot? {told}") from None
+        finally:
+            process.kill()
+            process.wait()
+            station.close()
+            link.close()
+            log.close()
+
+
+def table(kind: Any, episodes: Mapping[str, NDArray[np.float64]]) -> dict[str, Sequence[float | None]]:
+    """Figures of the landings: name -> value and the ends of its 95 % interval."""
+    from rl.evaluation.intervals import intervals
+
+    left_out = ("deck_speed_m_s", "deck_tilt_deg", "reward_per_step", "action_change_rms")
+    return {key: tuple(of) for key, of in intervals(kind, episodes).items() if key not in left_out}
+
+
+def parser() -> argparse.ArgumentParser:
+    """The arguments."""
+    from rl.commands import shared
+    from taichi_sim.config.io import output
+
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("config", nargs="?", default="landing", metavar="SCENARIO", help="of the landing mission [landing]")
+    p.add_argument("--autopilot", type=Path, required=True, metavar="PATH", help="ArduCopter, built for SITL")
+    p.add_argument("--landings", type=shared.positive_int, default=64, metavar="N", help="[64]")
+    p.add_argument("--defaults", type=Path, action="append", default=[], metavar="FILE", help="more parameters")
+    p.add_argument("--instance", type=int, default=0, help="of the autopilot: ports 9002 + 10 N [0]")
+    p.add_argument("--seed", type=shared.seed, help="of the first landing; the next ones follow [the scenario's]")
+    p.add_argument("--json", type=output, metavar="FILE", help="also write the figures to FILE")
+    shared.add_common(p)
+    return p
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command; return the exit status."""
+    args = parser().parse_args(argv)
+    from rl.commands import shared
+    from rl.evaluation.episodes import mission_class
+    from rl.missions import load_scenario
+    from rl.missions.landing.config import LandingScenario
+    from taichi_sim.config import ConfigError
+    from taichi_sim.config.base import MissingExtraError
+    from taichi_sim.config.io import find_config
+
+    try:
+        args.autopilot = program(args.autopilot)
+        try:
+            import pymavlink  # noqa: F401
+        except ImportError:
+            raise MissingExtraError("pymavlink", "ardupilot") from None
+        source = find_config(args.config)
+        config = load_scenario(source, args.overrides)
+        if not isinstance(config, LandingScenario) or config.teams[config.landing.aircraft].count != 1:
+            raise ConfigError(f"{args.config}: needs the mission landing, with one aircraft")
+        args.threads = args.threads or 1
+        shared.start(args)
+        first, judges = config.evaluation.seed if args.seed is None else args.seed, []
+        kind: Any = mission_class(config, source).Judge
+        for k in range(args.landings):
+            judges.append(land(args, config, source, first + k))
+            if not args.quiet:
+                print(f"{k + 1} of {args.landings}: {kind.line(kind.figures(judges, config))}", flush=True)
+        found = table(kind, kind.episodes(judges, config))
+        for key, (value, low, high) in found.items():
+            if value is not None:
+                print(f"{key:22} {value:8.3f}  [{low:.3f}, {high:.3f}]")
+        if args.json is not None:
+            told = {"landings": args.landings, "seed": first, "figures": found}
+            args.json.write_text(json.dumps(told, indent=1) + "\n")
+    except shared.user_errors() + (AutopilotError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
