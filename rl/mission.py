@@ -236,8 +236,7 @@ class Mission(Stateful, Generic[C, T]):
         return None
 
     def course(self, team: T) -> tuple[Tensor, Tensor]:
-        """Where the course of `team` is now, which a companion lays on the sea: place [env, 2] (m), course [env] (rad).
-        """
+        """Place [env, 2] (m) and direction [env] (rad) of the course of `team` now, which a companion lays on a sea."""
         raise NotImplementedError
 
     # -- what others use -------------------------------------------------------------------------------------------

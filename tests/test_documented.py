@@ -132,7 +132,7 @@ def test_the_parser_of_a_documented_command_takes_it(found, monkeypatch, capsys,
     if module.startswith("rl.") and getattr(args, "overrides", ()):
         _stand_ins(found.page, tmp_path)
         monkeypatch.chdir(tmp_path)
-        fits([text.replace("=N", "=1") for text in args.overrides], args.config)
+        fits([text.replace("=N", "=1") for text in args.overrides], getattr(args, "config", None))
 
 
 def test_no_block_without_a_language_hides_a_command():
@@ -148,6 +148,7 @@ OTHER_RUNS = {"docs/landing.md": "landing", "docs/tutorials/report.md": "buoy"}
 BUOY = ROOT / "tests" / "data" / "reference" / "buoys"
 NEEDS = {
     "taichi-sim sitl": "an autopilot at the other end: test_sitl.py",
+    "taichi-sim pilot": "autopilots at the other end: test_pilot.py",
     "--live": "a viewer: test_live.py",
     "--watch": "a viewer: test_watch.py",
     "HOST": "several machines: test_processes.py",

@@ -48,12 +48,20 @@ LAYERS = (
     ("rl.guidance", "rl.evaluation.training_figures"),
     ("rl.missions", "rl.adapters.render", "rl.planning"),
     ("rl.learn",),
+    ("rl.pilot",),
     ("rl.runs.folder", "rl.runs.launch"),
     ("rl.evaluation",),
     ("rl.runs",),
     ("rl.adapters",),
     ("rl.commands.shared",),
-    ("rl.train", "rl.commands.evaluate", "rl.commands.tune", "rl.commands.play", "rl.commands.report"),
+    (
+        "rl.train",
+        "rl.commands.evaluate",
+        "rl.commands.tune",
+        "rl.commands.play",
+        "rl.commands.pilot",
+        "rl.commands.report",
+    ),
     ("rl.commands",),
     ("tools",),
 )
@@ -62,7 +70,14 @@ STRANGERS = (
     {"taichi_sim.surroundings.sea", "taichi_sim.surroundings.air"},
     {"taichi_sim.models.usv", "taichi_sim.models.uav"},
     {"taichi_sim.applications.bench", "taichi_sim.visualisation.recording"},
-    {"rl.train", "rl.commands.evaluate", "rl.commands.tune", "rl.commands.play", "rl.commands.report"},
+    {
+        "rl.train",
+        "rl.commands.evaluate",
+        "rl.commands.tune",
+        "rl.commands.play",
+        "rl.commands.pilot",
+        "rl.commands.report",
+    },
 )
 PACKAGES = ("taichi_sim", "rl", "tools")
 

@@ -15,6 +15,7 @@ SCRIPTS = {  # name -> module, further arguments, description
     "evaluate": ("rl.commands.evaluate", (), "judge a run's policies on unseen episodes"),
     "sweep": ("rl.commands.evaluate", ("--sweep",), "the same under many conditions, beside the classical controller"),
     "play": ("rl.commands.play", (), "record, film or watch an episode"),
+    "pilot": ("rl.commands.pilot", (), "steer real vehicles by a policy, as the MAVLink companion of their autopilots"),
     "report": ("rl.commands.report", (), "write report.html of a run again, or one that compares two runs"),
     "tune": ("rl.commands.tune", (), "search for the numbers of a classical controller"),
     "compare": ("tools.compare", (), "several training seeds against classical control, with intervals"),

@@ -234,6 +234,7 @@ def user_errors() -> tuple[type[Exception], ...]:
     """Exceptions whose message alone tells a user what to do."""
     from rl.learn.policy import CheckpointError
     from rl.learn.runner import DivergedError
+    from rl.pilot.companion import PilotError
     from rl.runs.folder import RunError
     from rl.team import ControllerError
     from taichi_sim.config import ConfigError
@@ -244,7 +245,7 @@ def user_errors() -> tuple[type[Exception], ...]:
     from taichi_sim.visualisation.film.files import FilmError
     from taichi_sim.visualisation.recording.ros import BagError
 
-    of_files = ConfigError, RunError, CheckpointError, FilmError, BagError, MissingExtraError
+    of_files = ConfigError, RunError, CheckpointError, FilmError, BagError, MissingExtraError, PilotError
     return *of_files, ControllerError, SteepSeaError, ActionError, DivergedError, NotFiniteError
 
 

@@ -1,0 +1,199 @@
+"""Let a trained policy steer real vehicles, or simulated ones, as the MAVLink companion of their autopilots.
+
+    taichi-sim pilot RUN --team usv --connect udp:127.0.0.1:14550 --connect udp:127.0.0.1:14560 ...
+
+One --connect for each vehicle of the team, in the order of their slots, the leader first. Nothing is armed, and no mode
+is changed unless --guided asks for it. Ctrl-C stops the vehicles and ends. It runs on one thread, unless --threads asks
+for more (docs/pilot.md).
+"""
+
+import argparse
+import math
+import selectors
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the command's arguments."""
+    from rl.commands import shared
+
+    summary, _, rest = (__doc__ or "").partition("\n\n")
+    p = argparse.ArgumentParser(description=summary, epilog=rest, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("policy", type=Path, metavar="RUN", help="run folder of rl/train.py")
+    p.add_argument("--team", default=None, help="team whose policy acts (default: the only one there is)")
+    p.add_argument(
+        "--connect",
+        action="append",
+        required=True,
+        metavar="ADDRESS",
+        help="udp:ADDRESS:PORT, which listens, or tcp:ADDRESS:PORT, which connects; one for each vehicle; with #SYSTEM "
+        "where several share a connection",
+    )
+    p.add_argument("--guided", action="store_true", help="ask for GUIDED (default: wait until somebody else has)")
+    p.add_argument(
+        "--origin",
+        type=float,
+        nargs=2,
+        default=None,
+        metavar=("LAT", "LON"),
+        help="where the course begins, degrees (default: at the first vehicle)",
+    )
+    p.add_argument(
+        "--heading",
+        type=float,
+        default=None,
+        metavar="DEG",
+        help="its direction there (default: the first vehicle's heading)",
+    )
+    p.add_argument("--seed", type=shared.seed, default=None, help="seed of the course (default: the scenario's)")
+    p.add_argument(
+        "--duration", type=shared.positive_float, default=None, metavar="S", help="end after this time (default: never)"
+    )
+    shared.add_common(p)
+    return p
+
+
+def policy_of(args: argparse.Namespace):
+    """Start Taichi; return the scenario that the policy was trained in, its file, the team, and the policy.
+
+    The one place that knows where policies come from.
+
+    Raises:
+        RunError, CheckpointError, ConfigError: if there is no such policy.
+    """
+    from rl.commands import shared
+    from rl.learn.policy import CheckpointError, load_policy
+    from rl.runs import folder
+
+    config, source = folder.load_config(args.policy, args.overrides)
+    there = [team for team in config.trained if (args.policy / team).is_dir()]
+    team = args.team or (there[0] if len(there) == 1 else None)
+    if team not in there:
+        given = "which team?" if team is None else f"no policy of a team {team!r}"
+        raise CheckpointError(f"{args.policy}: {given} --team {' or --team '.join(there) or '...: there is none'}")
+    shared.start(args)
+    return config, source, team, load_policy(args.policy, config, team)
+
+
+def made(args: argparse.Namespace, addresses, wires, tell):
+    """The companion that the arguments ask for, ready to act.
+
+    Raises:
+        ConfigError: for a mission, a team or actions that cannot be piloted.
+    """
+    from rl.guidance.observations import air_columns
+    from rl.missions import find_mission
+    from rl.pilot.autopilot_link import Link
+    from rl.pilot.companion import Pilot
+    from rl.pilot.set_points import orders_of
+    from taichi_sim.config import ConfigError
+    from taichi_sim.visualisation.recording.east_north_up import Origin
+
+    config, source, team, policy = policy_of(args)
+    kind = find_mission(config.mission, [source.parent])
+    sea = kind.piloted(config, team)
+    if sea is None:
+        raise ConfigError(f"scenario {config.name!r}: its mission, {kind.__name__}, has no companion (Mission.piloted)")
+    count = config.teams[team].count
+    if len(addresses) != count:
+        raise ConfigError(
+            f"{len(addresses)} x --connect, and {team}.count = {count}: give one for each vehicle, or --set "
+            f"{team}.count={len(addresses)}"
+        )
+    mission = kind(sea, 1, seed=config.seed if args.seed is None else args.seed, teams=(team,), source=source)
+    orders = orders_of(mission.teams[team])
+    airy = bool(air_columns(mission.teams[team].fleet.model)[0])
+    if args.guided and orders.station:
+        raise ConfigError("--guided: this policy commands thrust and yaw, which only MANUAL obeys: set it yourself")
+    links = [
+        Link(f"vehicle {k + 1} ({address})", wire.send, station=orders.station, system=address.system, airy=airy)
+        for k, (address, wire) in enumerate(zip(addresses, wires, strict=True))
+    ]
+    if args.origin is not None and not (abs(args.origin[0]) <= 90 and abs(args.origin[1]) <= 180):
+        raise ConfigError(
+            f"--origin {args.origin[0]:g} {args.origin[1]:g}: latitude is -90 to 90, longitude -180 to 180"
+        )
+    heading = None if args.heading is None else math.radians(args.heading)
+    origin = None if args.origin is None else Origin(*args.origin)
+    return Pilot(
+        mission, team, policy, orders, links, tell=tell, origin=origin, heading=heading, guided=args.guided,
+        progress=not args.quiet,
+    )  # fmt: skip
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run the command."""
+    args = parser().parse_args(argv)
+    from rl.pilot.autopilot_link import dialect
+    from rl.pilot.companion import PilotError
+    from rl.pilot.connections import Wire, check_different, read_address
+
+    dialect()
+    args.threads = args.threads or 1  # a decision is too small for more
+    addresses = [read_address(text) for text in args.connect]
+    check_different(addresses)
+    for address in addresses:
+        if not address.local:
+            print(f"{address} reaches beyond this machine: whoever answers there is taken for the vehicle, and MAVLink "
+                  "is neither signed nor encrypted here", file=sys.stderr)  # fmt: skip
+    began = time.monotonic()
+
+    def tell(text: str) -> None:
+        print(f"{time.monotonic() - began:7.1f} s  {text}", flush=True)
+
+    with ExitStack() as open_things:
+        opened = {address[:3]: Wire(address) for address in addresses}
+        for wire in opened.values():
+            open_things.callback(wire.close)
+        wires = [opened[address[:3]] for address in addresses]
+        pilot = made(args, addresses, wires, tell)
+        pilot.rehearse()
+        for wire in opened.values():
+            wire.receive()  # old by now
+        ends = math.inf if args.duration is None else time.monotonic() + args.duration
+        tell(f"listening: {', '.join(map(str, addresses))}")
+        try:
+            fly(pilot, wires, ends)
+        except BaseException:
+            pilot.end("interrupted")
+            raise
+        finally:
+            if text := pilot.summary():
+                print(text, flush=True)
+    assert pilot.ended is not None, "it goes on until it ends"
+    if pilot.ended.fault:
+        raise PilotError(pilot.ended.why)
+    tell(pilot.ended.why)
+
+
+def fly(pilot, wires, ends: float) -> None:
+    """Hear and act until the companion has ended, or the clock shows `ends` (s)."""
+    with selectors.DefaultSelector() as ready:
+        for wire in set(wires):
+            links = [link for link, its in zip(pilot.links, wires, strict=True) if its is wire]
+            ready.register(wire.socket, selectors.EVENT_READ, (wire, links))
+        wait = 0.0
+        while pilot.ended is None:
+            for key, _ in ready.select(timeout=wait):
+                wire, links = key.data
+                data = wire.receive()
+                for link in links if data else ():
+                    link.receive(data, time.monotonic())
+                if not wire.open:
+                    ready.unregister(wire.socket)
+            now = time.monotonic()
+            if now >= ends:
+                pilot.end("the time of --duration is over")
+            wait = pilot.tick(now)
+
+
+if __name__ == "__main__":
+    from rl.commands.shared import script
+
+    script(main)

@@ -1,0 +1,1 @@
+"""A policy as the MAVLink companion of real vehicles: telemetry in, set points out."""

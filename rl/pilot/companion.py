@@ -1,0 +1,346 @@
+"""The companion: from telemetry to what a policy observes, and from what it does to set points, once a decision.
+
+The mission itself makes the observations: one environment of it, whose vehicles are written from telemetry instead of
+being stepped (`Mission.follow`). So a policy observes what it was trained with, by the same code.
+
+    waiting    until every autopilot has been heard, is one of the policy's vehicle, tells place and attitude, is armed,
+               and is in the mode that obeys; then the course is laid, and the episode begins
+    acting     a decision every interval, set points to all
+    holding    a vehicle's place or attitude is older than `STALE` decisions: all vehicles are ordered to stop. It goes
+               on when all are fresh again
+    ended      somebody has taken over, or something is wrong (`fault`); those that still obey are ordered to stop
+
+The companion arms nobody, and asks for a mode only if told to. It reads no clock but `now`: tests give it theirs.
+"""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from rl.guidance.observations import air_columns
+from rl.learn.policy import Policy
+from rl.mission import Mission
+from rl.pilot.autopilot_link import SET_MODE, Link
+from rl.pilot.laid_course import Chart
+from rl.pilot.set_points import Orders
+from taichi_sim.kernels.conventions import QUATERNION, VELOCITY
+from taichi_sim.kernels.rotation import torch_rotation_matrix
+from taichi_sim.visualisation.recording.east_north_up import Origin
+
+ARDUPILOT = 3  # MAV_AUTOPILOT_ARDUPILOTMEGA
+STALE = 5  # decisions; older telemetry stops the vehicles
+LOST = 3.0  # s without new telemetry, after which it ends
+COMES = 30.0  # s, within which the first HEARTBEAT of each autopilot and the parameters that orders need must come
+OBEYS = 3.0  # s, within which a mode that was asked for must be taken
+TELEMETRY = 4  # messages of each kind a decision, at least `SLOWEST`, at most `FASTEST` a second
+SLOWEST, FASTEST = 10.0, 50.0  # Hz
+POLL = 0.1  # s between looks while it waits
+REPORT = 5.0  # s between lines of progress
+REPEATS = 3  # of a last order, against loss
+REHEARSAL = 3  # decisions
+RESULTS = {1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 6: "cancelled"}  # MAV_RESULT
+
+
+class PilotError(RuntimeError):
+    """A companion that has ended because something was wrong; the message says what."""
+
+
+class Ended(NamedTuple):
+    """Why a companion has ended, and whether something was wrong."""
+
+    why: str
+    fault: bool
+
+
+class Figures(NamedTuple):
+    """Median, 95th percentile and worst of something in ms."""
+
+    median: float
+    p95: float
+    worst: float
+
+    @classmethod
+    def of(cls, seconds: Sequence[float]) -> "Figures":
+        """Figures of times (s)."""
+        return cls(*(float(np.percentile(seconds, share)) * 1e3 for share in (50, 95, 100)))
+
+    def __str__(self) -> str:
+        """As text."""
+        return f"median {self.median:.1f}, p95 {self.p95:.1f}, worst {self.worst:.1f} ms"
+
+
+class Pilot:
+    """Acts for a team by a policy.
+
+    Attributes:
+        phase: "waiting", "acting" or "holding". ended: None until it has.
+        decisions, late: decisions made; those that were skipped because the machine was late.
+        delays: from reading the telemetry of a decision until its last set point was sent, s.
+        ages: of the oldest telemetry of a decision, s.
+    """
+
+    def __init__(
+        self, mission: Mission, name: str, policy: Policy, orders: Orders, links: Sequence[Link], *,
+        tell: Callable[[str], None], origin: Origin | None = None, heading: float | None = None, guided: bool = False,
+        progress: bool = True,
+    ):  # fmt: skip
+        """Act for team `name` of a `mission` with one environment, whose vehicle k is behind `links[k]`.
+
+        The course begins at `origin`, along `heading` (rad); default: at the first vehicle, along its heading. With
+        `guided`, vehicles are asked for the mode that obeys. `tell` takes a line of news, and of `progress`.
+        """
+        self.mission, self.team, self.policy = mission, mission.teams[name], policy
+        self.orders, self.links = orders, links
+        self.tell, self.origin, self.heading, self.guided, self.progress = tell, origin, heading, guided, progress
+        self.interval = mission.config.decision_interval
+        self.phase, self.ended = "waiting", None
+        self.decisions = self.late = 0
+        self.delays: list[float] = []
+        self.ages: list[float] = []
+        self._asked: dict[str, float] = {}  # vehicle -> when its mode was asked for, s
+        self._squares: dict[str, np.ndarray] = {}  # sums over decisions, of each entry of the mission's info [vehicle]
+        self._chart: Chart | None = None
+        self._taken: torch.Tensor | None = None
+        self._begun: float | None = None
+        self._due = self._reported = 0.0
+        self._missing = ""
+
+    def rehearse(self) -> None:
+        """Make some decisions for the vehicles of the simulation, so that the first real one waits for no compiler.
+
+        Raises:
+            CheckpointError: if the policy was trained with other observations or actions.
+        """
+        fleet, taken = self.team.fleet, None
+        chart = Chart(Origin(0.0, 0.0), 0.0, (0.0, 0.0), 0.0, afloat=True)
+        for _ in range(REHEARSAL):
+            self.mission.follow({self.team.name: fleet.state.clone()}, taken)
+            self.team.ended()
+            action = self.policy(self.team)
+            self.orders.of(self.team, action, chart)
+            taken = {self.team.name: action}
+        self.mission.begin_each()
+
+    # -- from call to call -----------------------------------------------------------------------------------------
+
+    def tick(self, now: float) -> float:
+        """Do what is due at `now` (s); return the seconds until something is due again."""
+        if self._begun is None:
+            self._begun = now
+        if self.ended:
+            return math.inf
+        rate = min(max(TELEMETRY / self.interval, SLOWEST), FASTEST)
+        for link in self.links:
+            link.converse(now, 1.0 / rate, self.orders.parameters)
+        self._check_vehicles(now)
+        if self.ended:
+            return math.inf
+        if self.phase != "waiting":
+            self._check_obedience()
+            if not self.ended and now >= self._due:
+                self._turn(now)
+            return math.inf if self.ended else max(min(self._due - now, POLL), 0.0)
+        if self._ready(now):
+            self._begin(now)
+            return 0.0
+        return POLL
+
+    def end(self, why: str, *, fault: bool = False) -> None:
+        """Stop the vehicles that obey, if it acts, leave the others to whom they obey, and end; once."""
+        if self.ended:
+            return
+        for link in self.links if self.phase != "waiting" else ():
+            for _ in range(REPEATS):
+                (self.orders.stop if self._obeys(link) else self.orders.release)(link)
+        self.ended = Ended(why, fault)
+
+    def _mode(self, mode: int) -> str:
+        """The name of a mode, or its number."""
+        return self.orders.modes.get(mode, f"mode {mode}")
+
+    def _obeys(self, link: Link) -> bool:
+        return link.heart is not None and link.heart.armed and link.heart.mode == self.orders.mode
+
+    # -- checks ----------------------------------------------------------------------------------------------------
+
+    def _check_vehicles(self, now: float) -> None:
+        """End if an autopilot is another one than the policy's vehicle needs, or does not come."""
+        wanted = " or ".join(f"{name} ({kind})" for kind, name in self.orders.kinds.items())
+        late = self._begun is not None and now - self._begun > COMES
+        for link in self.links:
+            heart = link.heart
+            if heart is None:
+                if late:
+                    self.end(f"{link.name}: no autopilot has been heard within {COMES:g} s", fault=True)
+                continue
+            if link.other and self.phase == "waiting":
+                self.end(f"{link.name}: autopilots of the systems {link.system} and {link.other} are heard there: name "
+                         f"one, for example #{link.system} after the address", fault=True)  # fmt: skip
+            elif heart.autopilot != ARDUPILOT:
+                self.end(f"{link.name}: MAV_AUTOPILOT {heart.autopilot}: only ArduPilot ({ARDUPILOT}) is supported",
+                         fault=True)  # fmt: skip
+            elif heart.kind not in self.orders.kinds:
+                policy = f"this policy is of {self.team.section.vehicle!r}"
+                self.end(f"{link.name}: its HEARTBEAT has MAV_TYPE {heart.kind}; {policy}, which needs {wanted}",
+                         fault=True)  # fmt: skip
+            elif wrong := self._wrong_parameters(link, late):
+                self.end(f"{link.name}: {wrong}", fault=True)
+
+    def _wrong_parameters(self, link: Link, late: bool) -> str:
+        """What of the parameters is not as the orders need it; empty if nothing is, or they are not all known yet."""
+        needed, told = self.orders.parameters, link.parameters
+        unknown = [name for name in needed if name not in told]
+        if unknown:
+            return f"it does not tell the parameter {unknown[0]} within {COMES:g} s" if late else ""
+        wrong = [f"{name} {value:g} (it is {told[name]:g})" for name, value in needed.items() if told[name] != value]
+        return f"thrust and yaw need {', '.join(wrong)}" if wrong else ""
+
+    def _check_obedience(self) -> None:
+        """End if somebody has taken a vehicle over."""
+        for link in self.links:
+            if link.heart is not None and not self._obeys(link):
+                what = f"in {self._mode(link.heart.mode)}" if link.heart.armed else "disarmed"
+                return self.end(f"{link.name} is {what}: somebody has taken over; no more set points")
+
+    def _ready(self, now: float) -> bool:
+        """Whether all vehicles are there, fresh, and obey; ask for their mode if told to, and tell what is missing."""
+        missing = []
+        for link in self.links:
+            if link.heart is None:
+                missing.append(f"the HEARTBEAT of {link.name}")
+            elif any(name not in link.parameters for name in self.orders.parameters):
+                missing.append(f"parameters of {link.name}")
+            elif link.age(now) > self._stale:
+                missing.append(f"{link.missing} of {link.name}")
+            else:
+                if link.heart.mode != self.orders.mode:
+                    missing.append(
+                        f"{link.name} in {self._mode(self.orders.mode)} (it is {self._mode(link.heart.mode)})"
+                    )
+                    if self.guided and self._refuses(link, now):
+                        return False
+                if not link.heart.armed:
+                    missing.append(f"{link.name} armed")
+        news = f"waiting for {', '.join(missing)}" if missing else ""
+        if news != self._missing:
+            self._missing = news
+            if news:
+                self.tell(news)
+        return not missing
+
+    def _refuses(self, link: Link, now: float) -> bool:
+        """Ask a vehicle for the mode that obeys; end if it refuses, or does not take it."""
+        mode = self._mode(self.orders.mode)
+        if link.name not in self._asked:
+            self._asked[link.name] = now
+            link.set_mode(self.orders.mode)
+        elif SET_MODE in link.refused:
+            result = link.refused[SET_MODE]
+            self.end(f"{link.name} refuses {mode}: {RESULTS.get(result, f'MAV_RESULT {result}')}", fault=True)
+        elif now - self._asked[link.name] > OBEYS:
+            self.end(f"{link.name} has not taken {mode} within {OBEYS:g} s", fault=True)
+        return self.ended is not None
+
+    @property
+    def _stale(self) -> float:
+        """Age of telemetry that stops the vehicles, s."""
+        return STALE * self.interval
+
+    # -- acting ----------------------------------------------------------------------------------------------------
+
+    def _begin(self, now: float) -> None:
+        """Lay the course on the sea."""
+        there, faced = self.links[0].last
+        origin = self.origin or Origin(there.latitude, there.longitude)
+        heading = faced.euler[2] if self.heading is None else self.heading
+        place, course = self.mission.course(self.team)
+        afloat = self.team.fleet.model.medium == "water"
+        (north, east), chi = place[0].tolist(), float(course[0])
+        self._chart = Chart(origin, heading, (north, east), chi, afloat=afloat)
+        self.phase, self._due, self._reported, self._taken = "acting", now, now, None
+        toward, along = (math.degrees(angle) % 360.0 for angle in (heading, chi))
+        self.tell(
+            f"acting: the course begins at {origin.latitude:.7f} {origin.longitude:.7f}, along {toward:.0f} deg "
+            f"(in the mission at {north:.1f} {east:.1f} m, along {along:.0f} deg)"
+        )
+
+    def _turn(self, now: float) -> None:
+        """Decide, or hold: the time for it has come."""
+        turns = 1 + int((now - self._due) / self.interval)
+        self.late += turns - 1
+        self._due += turns * self.interval
+        ages = {link: link.age(now) for link in self.links}
+        worst = max(ages, key=lambda link: ages[link])
+        if ages[worst] > LOST:
+            silent = now - worst.heard
+            how = "its link is silent" if silent > LOST else f"though it was heard {silent:.1f} s ago"
+            return self.end(f"{worst.name}: no new telemetry for {ages[worst]:.1f} s, {how}", fault=True)
+        if ages[worst] > self._stale:
+            if self.phase == "acting":
+                self.tell(f"holding: the telemetry of {worst.name} is {ages[worst]:.1f} s old")
+            self.phase = "holding"
+            for link in self.links:
+                self.orders.stop(link)
+            return
+        if self.phase == "holding":
+            self.tell("acting again: all telemetry is fresh")
+        self.phase = "acting"
+        self._decide(now, ages[worst])
+
+    def _decide(self, now: float, age: float) -> None:
+        began, name, fleet = time.perf_counter(), self.team.name, self.team.fleet
+        assert self._chart is not None, "no course"
+        states = torch.from_numpy(self._chart.states(self.links, now))[None].to(fleet.state)
+        self._blow(states)
+        self.mission.follow({name: states}, None if self._taken is None else {name: self._taken})
+        for ending, flags in self.team.ended().items():
+            if bool(flags.any()):
+                who = self.links[int(flags[0].nonzero()[0])].name
+                return self.end(f"{who}: {ending!r}, which ends an episode of {self.mission.config.name!r}", fault=True)
+        self._taken = self.policy(self.team)
+        given = self.orders.of(self.team, self._taken, self._chart)
+        if not np.isfinite(given).all():
+            return self.end("the policy's actions are not finite", fault=True)
+        for link, order in zip(self.links, given, strict=True):
+            self.orders.give(link, order)
+        self.delays.append(time.perf_counter() - began)
+        self.ages.append(age)
+        self.decisions += 1
+        self._report(now)
+
+    def _blow(self, states: torch.Tensor) -> None:
+        """Write airspeed and wind, if the team's vehicles measure them, by their `states` [1, vehicle, 13]."""
+        fleet, chart = self.team.fleet, self._chart
+        columns, _ = air_columns(fleet.model)
+        if not columns or chart is None:
+            return
+        wind = np.stack([chart.in_mission(link.wind or (0.0, 0.0, 0.0)) for link in self.links])
+        R = torch_rotation_matrix(states[0, :, QUATERNION]).double().cpu().numpy()
+        through = np.einsum("vij,vj->vi", R, states[0, :, VELOCITY].double().cpu().numpy()) - wind
+        air = np.column_stack((np.linalg.norm(through, axis=1), wind))
+        fleet.aux[0, :, list(columns)] = torch.from_numpy(air).to(fleet.aux)
+
+    def _report(self, now: float) -> None:
+        """Add up what the mission's info says of each vehicle, and tell it from time to time."""
+        info = {key: value[0].double().cpu().numpy() for key, value in self.team.infos().items()}
+        self._squares = {key: self._squares.get(key, 0.0) + value**2 for key, value in info.items()}
+        if self.progress and now - self._reported >= REPORT:
+            self._reported = now
+            told = (f"{key} {' '.join(f'{x:.2f}' for x in value)}" for key, value in info.items())
+            self.tell("; ".join((f"{self.decisions} decisions", *told)))
+
+    def summary(self) -> str:
+        """What was done, in lines; empty if nothing was."""
+        if not self.decisions:
+            return ""
+        rms = {key: np.sqrt(value / self.decisions) for key, value in self._squares.items()}
+        return "\n".join((
+            f"{self.decisions} decisions of {self.interval:g} s, {self.late} skipped",
+            f"from telemetry to set points: {Figures.of(self.delays)}",
+            f"age of the telemetry then: {Figures.of(self.ages)}",
+            *(f"{key}, rms: {' '.join(f'{x:.2f}' for x in value)}" for key, value in rms.items()),
+        ))  # fmt: skip

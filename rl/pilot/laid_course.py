@@ -1,0 +1,70 @@
+"""The motion that lays a mission's plane on the sea: its course begins at a place, and leads along a heading there.
+
+With n (m, NED) in the plane that touches WGS-84 there (taichi_sim/visualisation/recording/east_north_up.py), and p, chi
+the place and the direction in which the course begins in the mission,
+
+    p_mission = p + R(turn) n,    heading_mission = heading + turn,    turn = chi - heading of the course on the sea.
+
+Down is the height above home; vessels are at zero. Velocities and rates in b are the same in both.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rl.pilot.autopilot_link import Link
+from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE_SIZE, VELOCITY
+from taichi_sim.kernels.rotation import numpy_rotation_matrix
+from taichi_sim.visualisation.recording.east_north_up import Origin, from_geodetic
+
+Array = NDArray[np.float64]
+
+
+def turned(vector: Array, angle: float) -> Array:
+    """Level parts of vectors [.., 2 or more] (NED), turned clockwise by `angle` (rad); the rest stays."""
+    c, s, out = math.cos(angle), math.sin(angle), np.array(vector, dtype=np.float64)
+    out[..., 0], out[..., 1] = c * vector[..., 0] - s * vector[..., 1], s * vector[..., 0] + c * vector[..., 1]
+    return out
+
+
+def quaternion(roll: float, pitch: float, heading: float) -> Array:
+    """Quaternion [4] (w, x, y, z) b to n of Euler angles (rad)."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(half := 0.5 * np.array((roll, pitch, heading))), np.sin(half)
+    return np.array((cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy,
+                     cr * cp * sy - sr * sp * cy))  # fmt: skip
+
+
+class Chart:
+    """Turns telemetry into states of a mission, and velocities of the mission into those over the sea."""
+
+    def __init__(self, origin: Origin, heading: float, place: Sequence[float], course: float, *, afloat: bool):
+        """Lay the `course` (rad) that begins at `place` (north, east, m) on the sea: at `origin`, along `heading`
+        (rad). Vehicles that are `afloat` have no height.
+        """
+        self.origin, self.turn, self.place, self.afloat = origin, course - heading, np.asarray(place, float), afloat
+
+    def states(self, links: Sequence[Link], now: float) -> Array:
+        """States [vehicle, 13] in the mission at `now` (s): as last heard, moved on by velocity and yaw rate."""
+        states, known = np.zeros((len(links), STATE_SIZE)), [(link, *link.last) for link in links]
+        places = np.array([(there.latitude, there.longitude, 0.0) for _, there, _ in known])
+        for state, (east, north, _), (link, there, faced) in zip(
+            states, from_geodetic(places, self.origin), known, strict=True
+        ):
+            velocity, (roll, pitch, heading) = np.array(there.velocity), faced.euler
+            heading += (now - link.turned) * faced.rates[2]
+            level = np.array((north, east)) + (now - link.placed) * velocity[:2]
+            state[POSITION] = (*(self.place + turned(level, self.turn)), 0.0 if self.afloat else -there.height)
+            state[QUATERNION] = quaternion(roll, pitch, heading + self.turn)
+            state[VELOCITY] = numpy_rotation_matrix(quaternion(roll, pitch, heading)).T @ velocity
+            state[ANGULAR_VELOCITY] = faced.rates
+        return states
+
+    def in_mission(self, velocity: Sequence[float]) -> Array:
+        """A velocity [3] (NED, m/s) in the mission, of one over the sea."""
+        return turned(np.array(velocity), self.turn)
+
+    def over_sea(self, velocity: Array) -> Array:
+        """Velocities [.., 2 or 3] (NED, m/s) over the sea, of those in the mission."""
+        return turned(velocity, -self.turn)
