@@ -3,7 +3,8 @@
     taichi-sim pilot RUN --team usv --connect udp:127.0.0.1:14550 --connect udp:127.0.0.1:14560 ...
 
 One --connect for each vehicle of the team, in the order of their slots, the leader first. Nothing is armed, and no mode
-is changed unless --guided asks for it. Ctrl-C stops the vehicles and ends (docs/pilot.md).
+is changed unless --guided asks for it. Ctrl-C stops the vehicles and ends. It runs on one thread, unless --threads asks
+for more (docs/pilot.md).
 """
 
 import argparse
@@ -114,9 +115,16 @@ def made(args: argparse.Namespace, addresses, wires, tell):
         Link(f"vehicle {k + 1} ({address})", wire.send, station=orders.station, system=address.system, airy=airy)
         for k, (address, wire) in enumerate(zip(addresses, wires, strict=True))
     ]
+    if args.origin is not None and not (abs(args.origin[0]) <= 90 and abs(args.origin[1]) <= 180):
+        raise ConfigError(
+            f"--origin {args.origin[0]:g} {args.origin[1]:g}: latitude is -90 to 90, longitude -180 to 180"
+        )
     heading = None if args.heading is None else math.radians(args.heading)
     origin = None if args.origin is None else Origin(*args.origin)
-    return Pilot(mission, team, policy, orders, links, tell=tell, origin=origin, heading=heading, guided=args.guided)
+    return Pilot(
+        mission, team, policy, orders, links, tell=tell, origin=origin, heading=heading, guided=args.guided,
+        progress=not args.quiet,
+    )  # fmt: skip
 
 
 def main(argv: list[str] | None = None) -> None:

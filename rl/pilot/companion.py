@@ -86,15 +86,16 @@ class Pilot:
     def __init__(
         self, mission: Mission, name: str, policy: Policy, orders: Orders, links: Sequence[Link], *,
         tell: Callable[[str], None], origin: Origin | None = None, heading: float | None = None, guided: bool = False,
+        progress: bool = True,
     ):  # fmt: skip
         """Act for team `name` of a `mission` with one environment, whose vehicle k is behind `links[k]`.
 
         The course begins at `origin`, along `heading` (rad); default: at the first vehicle, along its heading. With
-        `guided`, vehicles are asked for the mode that obeys. `tell` takes a line of news.
+        `guided`, vehicles are asked for the mode that obeys. `tell` takes a line of news, and of `progress`.
         """
         self.mission, self.team, self.policy = mission, mission.teams[name], policy
         self.orders, self.links = orders, links
-        self.tell, self.origin, self.heading, self.guided = tell, origin, heading, guided
+        self.tell, self.origin, self.heading, self.guided, self.progress = tell, origin, heading, guided, progress
         self.interval = mission.config.decision_interval
         self.phase, self.ended = "waiting", None
         self.decisions = self.late = 0
@@ -327,7 +328,7 @@ class Pilot:
         """Add up what the mission's info says of each vehicle, and tell it from time to time."""
         info = {key: value[0].double().cpu().numpy() for key, value in self.team.infos().items()}
         self._squares = {key: self._squares.get(key, 0.0) + value**2 for key, value in info.items()}
-        if now - self._reported >= REPORT:
+        if self.progress and now - self._reported >= REPORT:
             self._reported = now
             told = (f"{key} {' '.join(f'{x:.2f}' for x in value)}" for key, value in info.items())
             self.tell("; ".join((f"{self.decisions} decisions", *told)))

@@ -468,11 +468,19 @@ def otters(sticks, tmp_path_factory) -> Path:
         (("--team", "tug"), ("'tug'", "--team usv")),
         (("--team", "usv"), ("1 x --connect", "usv.count = 3", "--set usv.count=1")),
         (("--team", "usv", "--set", "usv.count=1", "--guided"), ("--guided", "MANUAL")),
+        (("--team", "usv", "--set", "usv.count=1", "--origin", "10", "200"), ("--origin 10 200", "-180 to 180")),
         (("--team", "uav"), ("no trained uav policy",)),
     ],
 )
 def test_bad_input_is_named(arguments, words, here, otters):
     here("rl.commands.pilot", otters, "--connect", f"udp:127.0.0.1:{_free_port()}", *arguments).fails(*words)
+
+
+def test_a_mission_without_a_companion_is_named(here, otters, monkeypatch):
+    monkeypatch.setattr(
+        "rl.commands.pilot.policy_of", lambda args: (load_scenario("landing"), find_config("landing"), "uav", None)
+    )
+    here("rl.commands.pilot", otters, "--connect", f"udp:127.0.0.1:{_free_port()}").fails("'landing'", "no companion")
 
 
 def test_without_pymavlink_the_extra_is_named(here, otters, monkeypatch):
