@@ -233,8 +233,8 @@ class Mission(Stateful, Generic[C, T]):
 
     @classmethod
     def piloted(cls, config: C, team: str) -> C | None:
-        """The scenario in which a companion of real vehicles (rl/pilot) builds what `team` observes: it contains what
-        telemetry does not tell, and no errors besides. Default: None, there is none.
+        """The scenario in which a companion of real vehicles (rl/adapters/pilot) builds what `team` observes: it
+        contains what telemetry does not tell, and no errors besides. Default: None, there is none.
         """
         return None
 
@@ -306,7 +306,7 @@ class Mission(Stateful, Generic[C, T]):
         return gone
 
     def follow(self, states: Mapping[str, Tensor], actions: Mapping[str, Tensor] | None = None) -> None:
-        """Take the `states` of vehicles that move elsewhere (rl/pilot), by team, [env, vehicle, 13].
+        """Take the `states` of vehicles that move elsewhere (rl/adapters/pilot), by team, [env, vehicle, 13].
 
         With `actions`, by which they have moved, a decision interval has passed: as `step`, but the world does not
         move, and nobody is judged. Without, episodes begin there.

@@ -48,7 +48,7 @@ LAYERS = (
     ("rl.guidance", "rl.evaluation.training_figures"),
     ("rl.missions", "rl.adapters.render", "rl.planning"),
     ("rl.learn",),
-    ("rl.pilot",),
+    ("rl.adapters.pilot",),
     ("rl.runs.folder", "rl.runs.launch"),
     ("rl.evaluation",),
     ("rl.runs",),

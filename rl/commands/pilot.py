@@ -87,11 +87,11 @@ def made(args: argparse.Namespace, addresses, wires, tell):
     Raises:
         ConfigError: for a mission, a team or actions that cannot be piloted.
     """
+    from rl.adapters.pilot.autopilot_link import Link
+    from rl.adapters.pilot.companion import Pilot
+    from rl.adapters.pilot.set_points import orders_of
     from rl.guidance.observations import air_columns
     from rl.missions import find_mission
-    from rl.pilot.autopilot_link import Link
-    from rl.pilot.companion import Pilot
-    from rl.pilot.set_points import orders_of
     from taichi_sim.config import ConfigError
     from taichi_sim.visualisation.recording.east_north_up import Origin
 
@@ -130,9 +130,9 @@ def made(args: argparse.Namespace, addresses, wires, tell):
 def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
-    from rl.pilot.autopilot_link import dialect
-    from rl.pilot.companion import PilotError
-    from rl.pilot.connections import Wire, check_different, read_address
+    from rl.adapters.pilot.autopilot_link import dialect
+    from rl.adapters.pilot.companion import PilotError
+    from rl.adapters.pilot.connections import Wire, check_different, read_address
 
     dialect()
     args.threads = args.threads or 1  # a decision is too small for more

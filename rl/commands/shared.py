@@ -302,9 +302,9 @@ def seed(text: str) -> int:
 
 def user_errors() -> tuple[type[Exception], ...]:
     """Exceptions whose message alone tells a user what to do."""
+    from rl.adapters.pilot.companion import PilotError
     from rl.learn.policy import CheckpointError
     from rl.learn.runner import DivergedError
-    from rl.pilot.companion import PilotError
     from rl.runs.folder import RunError
     from rl.team import ControllerError
     from taichi_sim.applications.sitl.lockstep import SilentError

@@ -19,15 +19,15 @@ from pilot_peer import FRAME, GUIDED, HOLD, MANUAL, NO_AXIS, PARAMETERS, Copter,
 from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 
+from rl.adapters.pilot.autopilot_link import Attitude, Link, Place
+from rl.adapters.pilot.companion import LOST, STALE, Pilot
+from rl.adapters.pilot.connections import Wire, check_different, read_address
+from rl.adapters.pilot.laid_course import Chart, quaternion
+from rl.adapters.pilot.set_points import Sticks, orders_of
 from rl.guidance.observations import air_columns
 from rl.learn.policy import OBS_GROUPS, ClassicalPolicy, actor_config, write_checkpoint
 from rl.missions import load_scenario
 from rl.missions.formation.mission import Formation
-from rl.pilot.autopilot_link import Attitude, Link, Place
-from rl.pilot.companion import LOST, STALE, Pilot
-from rl.pilot.connections import Wire, check_different, read_address
-from rl.pilot.laid_course import Chart, quaternion
-from rl.pilot.set_points import Sticks, orders_of
 from rl.runs import folder
 from taichi_sim.config import AirConfig, ConfigError, SeaConfig
 from taichi_sim.config.io import find_config

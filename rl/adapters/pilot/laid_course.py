@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rl.pilot.autopilot_link import Link
+from rl.adapters.pilot.autopilot_link import Link
 from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE_SIZE, VELOCITY
 from taichi_sim.kernels.rotation import numpy_rotation_matrix
 from taichi_sim.visualisation.recording.east_north_up import Origin, from_geodetic

@@ -22,10 +22,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from rl.adapters.pilot.autopilot_link import AUTOPILOT, Link
+from rl.adapters.pilot.laid_course import Chart
 from rl.guidance.controllers.vessel import shaft
 from rl.guidance.residual import CORRECTIONS, ResidualTeam
-from rl.pilot.autopilot_link import AUTOPILOT, Link
-from rl.pilot.laid_course import Chart
 from rl.team import Team
 from taichi_sim.config import ConfigError
 from taichi_sim.models.uav.multirotor.controller import VELOCITY_ACTIONS

@@ -21,12 +21,12 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
+from rl.adapters.pilot.autopilot_link import SET_MODE, Link
+from rl.adapters.pilot.laid_course import Chart
+from rl.adapters.pilot.set_points import Orders
 from rl.guidance.observations import air_columns
 from rl.learn.policy import Policy
 from rl.mission import Mission
-from rl.pilot.autopilot_link import SET_MODE, Link
-from rl.pilot.laid_course import Chart
-from rl.pilot.set_points import Orders
 from taichi_sim.kernels.conventions import QUATERNION, VELOCITY
 from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.visualisation.recording.east_north_up import Origin
