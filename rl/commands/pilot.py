@@ -25,7 +25,12 @@ def parser() -> argparse.ArgumentParser:
 
     summary, _, rest = (__doc__ or "").partition("\n\n")
     p = argparse.ArgumentParser(description=summary, epilog=rest, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("policy", type=Path, metavar="RUN", help="run folder of rl/train.py")
+    p.add_argument(
+        "policy",
+        type=Path,
+        metavar="RUN",
+        help="run folder of rl/train.py, or a scenario whose policies come with the package",
+    )
     p.add_argument("--team", default=None, help="team whose policy acts (default: the only one there is)")
     p.add_argument(
         "--connect",
@@ -69,16 +74,17 @@ def policy_of(args: argparse.Namespace):
     """
     from rl.commands import shared
     from rl.learn.policy import CheckpointError, load_policy
-    from rl.runs import folder
+    from rl.learn.policy_sources import shipped_policies
 
-    config, source = folder.load_config(args.policy, args.overrides)
-    there = [team for team in config.trained if (args.policy / team).is_dir()]
+    config, source = shared.scenario_of(argparse.Namespace(run=args.policy, overrides=args.overrides, config=None))
+    shipped = {} if shared.is_run(args.policy) else shipped_policies(config.name)
+    there = [team for team in config.trained if team in shipped or (args.policy / team).is_dir()]
     team = args.team or (there[0] if len(there) == 1 else None)
     if team not in there:
         given = "which team?" if team is None else f"no policy of a team {team!r}"
         raise CheckpointError(f"{args.policy}: {given} --team {' or --team '.join(there) or '...: there is none'}")
     shared.start(args)
-    return config, source, team, load_policy(args.policy, config, team)
+    return config, source, team, shipped.get(team) or load_policy(args.policy, config, team)
 
 
 def made(args: argparse.Namespace, addresses, wires, tell):

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from rl.evaluation.episodes import mission_class
 from rl.learn.policy import ClassicalPolicy, Policy, load_policy
+from rl.learn.policy_sources import PRETRAINED, shipped_policies
 from rl.mission import Mission, Team
 from rl.scenario import Scenario, derive_seed
 from taichi_sim.applications.sitl.channels import changes_for
@@ -98,20 +99,23 @@ def idle(team: Team) -> Tensor:
 
 
 def others(controller: str, mission: Mission, driven: Sequence[Vehicle]) -> Mapping[str, Policy]:
-    """A policy for each team: `controller` is "classical", "zero", or a run folder.
+    """A policy for each team: `controller` is "classical", "zero", "pretrained" (of the package), or a run folder.
 
-    Teams that autopilots drive as a whole have none. A team that was not trained in the run is driven by its classical
-    controller.
+    Teams that autopilots drive as a whole have none. A team without a policy there is sailed
+    classically.
 
     Raises:
         CheckpointError: if the run has no trained policy for any team.
     """
     found: dict[str, Policy] = {}
     folder = Path(controller)
+    shipped = shipped_policies(mission.config.name) if controller == PRETRAINED else {}
     for name, team in mission.teams.items():
         if controller == "zero" or all((name, k) in driven for k in range(team.fleet.count)):
             found[name] = idle
-        elif controller == "classical" or (not (folder / name).is_dir() and folder.is_dir()):
+        elif name in shipped:
+            found[name] = shipped[name]
+        elif controller in ("classical", PRETRAINED) or (not (folder / name).is_dir() and folder.is_dir()):
             found[name] = ClassicalPolicy()
         else:
             found[name] = load_policy(folder, mission.config, name)
