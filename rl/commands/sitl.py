@@ -40,7 +40,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(AUTOPILOT, nargs="*", action="extend", default=[], metavar="TEAM.N=PORT",
                    help="vehicles that autopilots drive, and the UDP port of each")  # fmt: skip
     p.add_argument("--controller", default="classical", metavar="WHO",
-                   help="drives the others: classical, zero (all 0), pretrained, or a run folder [classical]")  # fmt: skip
+                   help="drives the others: classical, zero (all 0), pretrained, a run folder [classical]")  # fmt: skip
     p.add_argument("--on-deck", action="store_true", help="copters with an autopilot begin on the decks of vessels")
     p.add_argument("--rate", type=shared.positive_float, default=400.0, metavar="HZ",
                    help="steps of the world per second; an output acts at most one step late [400]")  # fmt: skip
