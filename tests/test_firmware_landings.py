@@ -35,6 +35,7 @@ def test_a_stand_in_takes_off_flies_to_the_deck_and_lands(tmp_path, capsys):
     assert 0.2 < figures["touch_speed_m_s"][0] < 1.0
 
 
+@pytest.mark.slow
 def test_what_is_no_autopilot_is_refused(tmp_path, monkeypatch, capsys):
     pytest.importorskip("pymavlink")
     monkeypatch.setattr(firmware_landings, "COMES_WITHIN", 1.0)

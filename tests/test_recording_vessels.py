@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from test_recording import column, elevation, make_episode, rows
 
-from rl.evaluation.record import _events
+from rl.evaluation.record import events_of
 from rl.mission import Endings
 from taichi_sim.models.usv.hull.mesh import BoxHull, TwinPontoons, mesh
 from taichi_sim.vehicle import Vehicle
@@ -246,11 +246,11 @@ def test_events_are_whatever_reasons_the_endings_have_and_goals_what_the_judge_s
     ended = Endings({"swamped": torch.tensor([[False, True]]), "moored": torch.tensor([[True, False]])})
     seen: set[tuple[str, int, str]] = set()
     step = SimpleNamespace(endings={"usv": ended})
-    events = _events(step, 0.1, seen, ("moored",), 0)  # pyright: ignore
+    events = events_of(step, 0.1, seen, ("moored",), 0)  # pyright: ignore
     assert [(event.kind, event.vehicle, event.time_s) for event in events] == [("swamped", 1, 0.1), ("moored", 0, 0.1)]
     assert [event.goal for event in events] == [False, True]
     assert [event.colour for event in events] == [ALARM, GOOD]
-    assert not _events(step, 0.2, seen, (), 0)  # pyright: ignore
+    assert not events_of(step, 0.2, seen, (), 0)  # pyright: ignore
 
 
 def test_loads_of_the_wrong_shape_are_refused() -> None:

@@ -185,6 +185,7 @@ def test_a_rate_that_changes_in_every_frame_leaves_the_motion_as_it_is():
     assert ends[1][2] == pytest.approx(5 * sum(1 / rate for rate in range(380, 420)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [50, 400, 1200, 4000])
 def test_a_multirotor_is_released_when_its_rotors_lift_it_at_any_rate(copter, rate):
     """At rest, thrust is k_f times the sum of the squares of the rotors' speeds: at half a per cent more than what its
@@ -566,6 +567,7 @@ def test_px4_drives_in_lockstep_and_what_it_loses_or_repeats_changes_nothing(mon
     assert ends[0][0] == ends[1][0] == 202 and np.array_equal(ends[0][1], ends[1][1])
 
 
+@pytest.mark.slow
 def test_px4_begins_when_it_is_ready_and_restarts_with_a_new_connection():
     session, peer = _px4("x500")
     time.sleep(0.02)

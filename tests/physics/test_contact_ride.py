@@ -159,6 +159,7 @@ def rafts(envs: int, boats: int = 1, drones: int = 1) -> World:
     return world
 
 
+@pytest.mark.slow
 def test_any_aircraft_stands_on_any_deck_of_its_environment():
     """Two teams of two rafts, two aircraft on three of the decks; each presses on its own and on no other."""
     world = rafts(2, 2, 2)

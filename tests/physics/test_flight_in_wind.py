@@ -87,6 +87,7 @@ def test_intensity_is_the_tables(time, felt, reference):
     assert ((felt[time].mean(dim=0) - mean).abs() < 3 * (expected / FLIGHTS).sqrt()).all()
 
 
+@pytest.mark.slow
 def test_correlation_over_a_second_is_the_tables(felt, reference):
     """R(1 s) / sigma^2 of u, v, w, within 3 errors sqrt((1 + rho^2) / n)."""
     rows = np.genfromtxt(reference / "dryden" / "dryden_autocorrelation.csv", delimiter=",", names=True)
@@ -135,6 +136,7 @@ def test_noise_is_that_of_seed_env_and_time(model):
 # -- what the autopilot makes of it ------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ["turn", "climb"])
 def test_steps_in_moderate_turbulence(what, model):
     """30 deg to the right, and 20 m up, in 30 kt with turbulence, 100 flights: from 5 s (8 s) on the errors' standard
@@ -170,6 +172,7 @@ def test_no_stall_at_the_least_airspeed_in_turbulence(model):
     assert float(flight.read("airspeed").mean()) == pytest.approx(model.limits.speeds[0], abs=0.5)
 
 
+@pytest.mark.slow
 def test_steady_wind_is_nothing_to_the_flight(model, precision):
     """Uniform profile: attitude, rates and air data as in still air, whatever the autopilot does."""
     still = Flight(model, {})

@@ -106,6 +106,7 @@ def fine(precision, constant_model):
     return constant_model("barge", hull={"panels_along": 24, "panels_across": 8, "panels_up": 3})
 
 
+@pytest.mark.slow
 def test_a_long_wave_pushes_a_tilted_hull_down_its_slope(fine, bench):
     """The pressure's gradient is the same all over a hull in a long wave: rho g V along the surface's normal, at any
     tilt relative to the surface; the undisturbed wave's force is the part towards the trough.

@@ -60,6 +60,7 @@ def test_a_vehicle_of_nan_changes_no_bit_of_the_others(run):
     assert same_but(clean, broken, 2, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", EXTREMES)
 def test_extreme_places_and_speeds_harm_nobody_else(case, run):
     """Half a second later all but the fastest are finite, too: water and air have no edge."""

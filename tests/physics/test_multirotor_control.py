@@ -103,6 +103,7 @@ def test_thrusts_give_what_is_asked_or_roll_and_pitch_first(frame):
     assert fits.any()  # yaw gave way, roll and pitch did not
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "frame",
     [name if name == "twelve" else pytest.param(name, marks=pytest.mark.slow) for name in FRAMES],

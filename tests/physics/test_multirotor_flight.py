@@ -203,6 +203,7 @@ def fly(model, values=None, envs=1):
     return team
 
 
+@pytest.mark.slow
 def test_varied_numbers_are_those_of_a_file(x500):
     """By the same controller, that of the drawing board; to rounding."""
     values = others(x500)

@@ -145,6 +145,7 @@ def test_two_propellers_are_two_units_that_push_ahead(bench):
 # -- all of them ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_wrench_is_made_as_it_is_asked_for(bench):
     """Any that the set can make, to rounding, once the azimuth thrusters have turned."""
     model, rng = barge("wrench", SET), np.random.default_rng(3)

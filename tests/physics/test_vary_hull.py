@@ -70,6 +70,7 @@ def otters(f64, bench):
     return model, run(model, bench, envs, vary)
 
 
+@pytest.mark.slow
 def test_an_environment_is_what_a_vehicle_file_of_its_numbers_is(otters, bench):
     model, states = otters
     assert states[-1] == pytest.approx(run(other(model, changed(model)), bench)[0], abs=ROUNDING)

@@ -102,6 +102,7 @@ def test_what_cannot_be_scored_is_refused(here):
     assert ending.status == 2 and "unrecognized arguments: --episodes 8" in ending.err  # episodes are frozen
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted({task.scenario for task in read_tasks().values()} | {"escort"}))
 def test_every_observation_is_described(name):
     config, source = load_scenario(name), find_config(name)

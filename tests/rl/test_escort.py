@@ -94,6 +94,7 @@ def test_a_world_without_its_mission_says_what_its_script_needs():
     assert list(ts.World.from_scenario("escort", 2, overrides=SMALL[1:3], teams=("usv",)).teams) == ["usv"]
 
 
+@pytest.mark.slow
 def test_an_episode_that_begins_leaves_no_trace_in_others_and_has_none_of_its_own_past():
     """Boats that learn a drift, and aircraft that see little and search."""
     env, paths = BatchedEnv("escort", 3, overrides=(*SMALL, "uav.camera.field_of_view_deg=5")), []

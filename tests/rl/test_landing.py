@@ -52,6 +52,7 @@ def test_on_a_calm_sea_pilots_land_softly_in_the_middle(kind):
     assert ends == 0.0 and figures["time_to_land_p95_s"] < 25.0
 
 
+@pytest.mark.slow
 def test_it_has_landed_after_standing_and_not_before():
     mission = shared()
     mission.reset()

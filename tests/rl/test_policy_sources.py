@@ -149,7 +149,8 @@ def test_evaluate_takes_a_scenario_and_a_file_for_one_team(here, tmp_path):
     ending = here(*LAZY, "paper", "--set", "evaluation.settle=1", "--policy", boats)
     assert ending.status == 0, ending.err
     assert json.loads(ending.out)["teams"].keys() == {"usv", "uav"}
-    here(*LAZY, "paper").fails("paper: no policies come with the package", "train --config paper", "--policy")
+    told = ("otter: no policies come with the package", "train --config otter", "--policy")
+    here(*LAZY, "otter", "--set", "evaluation.settle=1").fails(*told)
     here(*LAZY, "paper", "--policy", "x.onnx", "--controller", "classical").fails("x.onnx", "leave one of them out")
     here(*LAZY, "otters").fails("otters: not a run folder", "nor a scenario", "shipped scenarios: ")
 
