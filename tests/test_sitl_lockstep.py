@@ -14,6 +14,8 @@ from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.kernels.rotation import numpy_rotation_matrix
 from taichi_sim.models.contact.deck_motion import PRESSED
 
+pytestmark = pytest.mark.slow
+
 BOAT, COPTER = ("usv", 0), ("uav", 0)
 STILL = [1500, 0, 1500]
 
@@ -70,7 +72,6 @@ def flown():
     return _flight((50, 400))
 
 
-@pytest.mark.slow
 def test_two_rates_pass_in_lockstep_and_each_frame_is_answered_once(flown):
     crew, _ = flown
     for mate in (crew.boat, crew.copter):
@@ -80,7 +81,6 @@ def test_two_rates_pass_in_lockstep_and_each_frame_is_answered_once(flown):
     assert crew.copter.heard[-1]["timestamp"] - crew.boat.heard[-1]["timestamp"] < 1 / crew.boat.rate
 
 
-@pytest.mark.slow
 def test_a_copter_takes_off_from_a_deck_and_lands_on_it_by_what_it_is_told(flown):
     crew, heights = flown
     assert heights[2] == pytest.approx(heights[0], abs=0.2) and max(heights) > heights[0] + 0.4
@@ -90,14 +90,12 @@ def test_a_copter_takes_off_from_a_deck_and_lands_on_it_by_what_it_is_told(flown
     assert 0.1 < crew.blow < 1.5  # of any step of a decision
 
 
-@pytest.mark.slow
 def test_the_same_outputs_give_the_same_bits(flown):
     crew, _ = flown
     again, _ = _flight((50, 400))
     assert again.copter.heard == crew.copter.heard and again.boat.heard == crew.boat.heard
 
 
-@pytest.mark.slow
 def test_measurements_between_steps_agree_with_each_other(flown):
     """At 50 Hz every frame has 8 steps; at 1200 Hz a step has 3 frames. Specific force is the change of velocity."""
     fast = Crew(rates=(1200, 700), hs=0.3, boat=lambda _: [1600, 0, 1900]).go_on(0.3)
@@ -122,7 +120,6 @@ def test_an_output_acts_at_once_where_frames_and_steps_begin_together():
         assert 20 <= first <= 20 + late
 
 
-@pytest.mark.slow
 def test_boat_and_copter_feel_each_other_on_the_deck():
     """In a calm sea the boat rises when the copter leaves, by its weight over the stiffness of the waterplane."""
     crew = Crew(copter=lambda _: [crew.output] * 4)
@@ -149,7 +146,6 @@ def test_a_vehicle_whose_autopilot_restarts_is_back_at_its_beginning_and_the_oth
     assert np.diff(stamps) == pytest.approx(1 / 50)
 
 
-@pytest.mark.slow
 def test_an_aircraft_without_a_deck_is_held_until_it_lifts_off():
     world = _world()
     world.teams["uav"].state[0, 0, 2] = -12.0

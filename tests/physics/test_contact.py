@@ -14,7 +14,7 @@ from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.world import World
 
-pytestmark = pytest.mark.usefixtures("f64")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("f64")]
 RAFT = Path(__file__).parents[1] / "data" / "plugins" / "raft.toml"
 DECK, SOLES = 0.3, 0.2288691310180355  # m: height of the raft's deck; the x500's soles below its centre of gravity
 MASS, LEGS = 2.0643076923076915, 4  # kg

@@ -14,6 +14,8 @@ from taichi_sim.models.contact.between_teams import PlacementError
 from taichi_sim.world import World
 from tests.probes import ground_ratios
 
+pytestmark = pytest.mark.slow
+
 RAFT = Path(__file__).parents[1] / "data" / "plugins" / "raft.toml"
 SOLES = 0.2288691310180355  # m, the x500's below its centre of gravity
 COMPONENTS = 16  # of every sea here, and every aircraft's numbers are given: one kernel serves all
@@ -73,7 +75,6 @@ def on_deck(world: World) -> Tensor:
     return torch.cat((place, turn.unsqueeze(-1)), dim=-1)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("vehicle", ["wamv", "otter"])
 def test_it_rides_in_sea_state_5_and_does_not_creep(vehicle, seconds=3600.0):
     """In single precision, far from the origin at the end: it stays within what its legs bend."""
@@ -128,7 +129,6 @@ def test_a_touchdown_is_restored_copied_and_forked_to_the_bit():
     assert not again.teams["drones"].touch.soles.equal(world.teams["drones"].touch.soles)  # type: ignore[union-attr]
 
 
-@pytest.mark.slow
 def test_what_happens_on_one_deck_is_nothing_to_other_environments():
     """To the bit, whether a contact is going on elsewhere or not; nor is a deck to an aircraft far from it."""
     one, other = sea_state_5(2), sea_state_5(2)
@@ -159,7 +159,6 @@ def rafts(envs: int, boats: int = 1, drones: int = 1) -> World:
     return world
 
 
-@pytest.mark.slow
 def test_any_aircraft_stands_on_any_deck_of_its_environment():
     """Two teams of two rafts, two aircraft on three of the decks; each presses on its own and on no other."""
     world = rafts(2, 2, 2)

@@ -12,6 +12,8 @@ from taichi_sim.config import AirConfig
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.conventions import GRAVITY
 
+pytestmark = pytest.mark.slow
+
 DT, SUBSTEPS = 0.02, 5
 KNOT = 1852 / 3600  # m/s
 W20, HEIGHT = 30 * KNOT, 50.0  # of the reference tables
@@ -72,7 +74,6 @@ def felt(model):
     return found
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("time", [0.0, 10.0])
 def test_intensity_is_the_tables(time, felt, reference):
     """At 50 m in 30 kt, from the first step on: variances within 3 sampling errors, sqrt(2 / n). Means are zero at the
@@ -87,7 +88,6 @@ def test_intensity_is_the_tables(time, felt, reference):
     assert ((felt[time].mean(dim=0) - mean).abs() < 3 * (expected / FLIGHTS).sqrt()).all()
 
 
-@pytest.mark.slow
 def test_correlation_over_a_second_is_the_tables(felt, reference):
     """R(1 s) / sigma^2 of u, v, w, within 3 errors sqrt((1 + rho^2) / n)."""
     rows = np.genfromtxt(reference / "dryden" / "dryden_autocorrelation.csv", delimiter=",", names=True)
@@ -99,7 +99,6 @@ def test_correlation_over_a_second_is_the_tables(felt, reference):
     assert ((ours - rho).abs() < 3 * ((1 + rho**2) / FLIGHTS).sqrt()).all()
 
 
-@pytest.mark.slow
 def test_the_mean_wind_is_that_of_the_height(model):
     """The log profile of Charnock's sea: 30 m over 10 m; and W20 that of the mean wind where none is given."""
     flight = Flight(model, {"speed": 12.0, "turbulence": "dryden"}, FLIGHTS, height=30.0).step(LEVEL)
@@ -109,7 +108,6 @@ def test_the_mean_wind_is_that_of_the_height(model):
     assert float(flight.read("wind_down").std()) == pytest.approx(sigma, rel=3 / math.sqrt(2 * FLIGHTS))
 
 
-@pytest.mark.slow
 def test_turbulence_may_differ_in_intensity_from_environment_to_environment(make_model):
     """The same gusts, in the first step, times each environment's factor."""
     model = make_model("aerosonde", DT, SUBSTEPS, autopilot={"actions": "altitude"})
@@ -136,7 +134,6 @@ def test_noise_is_that_of_seed_env_and_time(model):
 # -- what the autopilot makes of it ------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("what", ["turn", "climb"])
 def test_steps_in_moderate_turbulence(what, model):
     """30 deg to the right, and 20 m up, in 30 kt with turbulence, 100 flights: from 5 s (8 s) on the errors' standard
@@ -172,7 +169,6 @@ def test_no_stall_at_the_least_airspeed_in_turbulence(model):
     assert float(flight.read("airspeed").mean()) == pytest.approx(model.limits.speeds[0], abs=0.5)
 
 
-@pytest.mark.slow
 def test_steady_wind_is_nothing_to_the_flight(model, precision):
     """Uniform profile: attitude, rates and air data as in still air, whatever the autopilot does."""
     still = Flight(model, {})
@@ -201,7 +197,6 @@ def test_nan_in_one_aircraft_leaves_its_neighbours_bits(model):
 # -- a discrete gust ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_load_factor_of_a_rising_gust(precision, make_model):
     """An upward 1 - cosine gust of 3 m/s, reached in 0.06 s, controls fixed: n grows by K (U(t) - v), K = rho V S
     C_L_alpha / (2 m g), where v is the wing's own rise, v' = K g (U - v), in closed form. Within 15 %: pitching and
@@ -261,7 +256,6 @@ def test_a_gust_of_a_second_is_met_to_second_order(gust, make_model):
 # -- threads -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_bits_do_not_depend_on_the_number_of_threads(make_model):
     """64 flights in turbulence: the same state and air from one thread and from two."""
     found = []

@@ -40,6 +40,7 @@ def test_ctrl_c_in_the_first_stage_saves_and_the_run_can_go_on(run):
         assert (run / name / "policy.onnx").is_file()
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_after_ctrl_c_and_after_a_kill(run):
     """Ctrl-C saves the iteration that is done; what is killed goes on from its last checkpoint; the end is whole."""
     forget(run, "uav")
