@@ -2,7 +2,8 @@
 
 Taichi compiles a kernel anew after every change of precision or threads, and in every worker. So a worker takes all
 tests of one precision from tests/rl, or from files whose names begin alike (--dist loadgroup). The first worker begins
-with tests/rl, which takes longest, the others with those in double precision.
+with tests/rl, which takes longest, the others with those in double precision. Missions and vehicles whose kernels few
+other tests of tests/rl need go by themselves (APART), so that one worker does not have them all.
 """
 
 import os
@@ -19,6 +20,9 @@ from taichi_sim.kernels import runtime
 os.environ["TI_OPT_LEVEL"] = "0"
 
 
+APART = ("escort", "landing", "usv", "uav", "pilot")  # in tests/rl, by the second word of a file's name
+
+
 def _precision_of(item: pytest.Item) -> runtime.Precision:
     """What a test runs in: the parameter of `precision`, double with `f64`, or else single."""
     of_parameters = getattr(item, "callspec", None)
@@ -29,7 +33,9 @@ def _precision_of(item: pytest.Item) -> runtime.Precision:
 
 def _group_of(item: pytest.Item) -> str:
     """The tests that a worker takes together."""
-    subject = "rl" if item.path.parent.name == "rl" else item.path.stem.split("_")[1]
+    subject = item.path.stem.split("_")[1]
+    if item.path.parent.name == "rl" and subject not in APART:
+        subject = "rl"
     return f"{subject}-{_precision_of(item)}"
 
 
