@@ -44,7 +44,7 @@ def main(argv: list[str] | None = None) -> None:
     args = parser().parse_args(argv)
     from rl.commands import shared
     from rl.runs import folder as run_folder
-    from rl.runs import launch, processes
+    from rl.runs import ranks, torchrun
     from rl.runs.main_job import report, run_main_job
     from rl.runs.watch import refuse_used, training_view
     from taichi_sim.config.base import MissingExtraError
@@ -54,18 +54,18 @@ def main(argv: list[str] | None = None) -> None:
 
         if wandb is None:
             raise MissingExtraError("wandb", "wandb")
-    if args.watch and processes.here().first and not launch.launched():
+    if args.watch and ranks.here().first and not torchrun.launched():
         refuse_used(args.port)
     config, source, out = run_of(args)
     fewest = min((stage.num_envs for stage in config.stages.values()), default=1)
-    if (number := launch.process_count(args.processes, args.threads, fewest, args.arch)) > 1:
+    if (number := torchrun.process_count(args.processes, args.threads, fewest, args.arch)) > 1:
         if not args.resume:
             run_folder.refuse_existing(out)
-        launch.run(Path(__file__), [*(sys.argv[1:] if argv is None else argv), "--out", str(out)], number)
+        torchrun.run(Path(__file__), [*(sys.argv[1:] if argv is None else argv), "--out", str(out)], number)
         return
-    with processes.joined(args.arch) as place:
+    with ranks.joined(args.arch) as place:
         shared.agree(config, source)
-        processes.broadcast(lambda: None if args.resume else run_folder.begin(out, config, source))
+        ranks.broadcast(lambda: None if args.resume else run_folder.begin(out, config, source))
         with contextlib.ExitStack() as held:
             if place.first:
                 held.enter_context(run_folder.lock(out))
@@ -93,21 +93,21 @@ def run_of(args: argparse.Namespace) -> tuple["Scenario", Path, Path]:
     """
     from rl.missions import load_scenario
     from rl.runs import folder as run_folder
-    from rl.runs import processes
+    from rl.runs import ranks
     from taichi_sim.config.io import find_config
 
     overrides = args.overrides + ([f"seed={args.seed}"] if args.seed is not None else [])
     if args.resume:
         out = args.out or run_folder.newest(Path("runs"))
         run_folder.refuse_changes(args.config, overrides)
-        if not processes.engine() and run_folder.was_lanes(out):
+        if not ranks.engine() and run_folder.was_lanes(out):
             print(f"warning: {run_folder.LANES}; this run goes on as it was begun", file=sys.stderr)
-        if not processes.engine() and (other := run_folder.other_versions(out)):
+        if not ranks.engine() and (other := run_folder.other_versions(out)):
             print(f"warning: {other}: its figures will not be the same as without the change", file=sys.stderr)
         return *run_folder.load_config(out), out
     source = find_config(args.config or "configs/cruise.toml")
     config = load_scenario(source, overrides)
-    name = processes.engine() or time.strftime("%Y%m%d-%H%M%S")
+    name = ranks.engine() or time.strftime("%Y%m%d-%H%M%S")
     if args.out is None and name == "none":  # torchrun's default
         raise run_folder.RunError("several machines need one run folder: give --out, or torchrun's --rdzv-id")
     return config, source, args.out or Path("runs") / f"{config.name}-{name}"

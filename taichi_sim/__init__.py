@@ -33,7 +33,7 @@ _NAMES = {
     "taichi_sim.surroundings.sea.current": "Current",
     "taichi_sim.surroundings.around_vehicles": "Surroundings",
     "taichi_sim.models.uav.aircraft": "Aircraft",
-    "taichi_sim.models.usv.vessel": "Vessel",
+    "taichi_sim.models.usv.vessel_base": "Vessel",
     "taichi_sim.vehicle": "Limits Vehicle",
     "taichi_sim.models.catalogue": "load_vehicle shipped_vehicles",
     "taichi_sim.world": "Script World replay",

@@ -24,7 +24,7 @@ from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, numb
 from taichi_sim.kernels.runtime import ProgramError, init
 from taichi_sim.models.catalogue import load_vehicle, shipped_vehicles
 from taichi_sim.models.uav.aircraft import Aircraft
-from taichi_sim.models.usv.vessel import Vessel
+from taichi_sim.models.usv.vessel_base import Vessel
 from taichi_sim.surroundings.air import Wind
 from taichi_sim.surroundings.around_vehicles import Surroundings
 from taichi_sim.surroundings.sea import Sea

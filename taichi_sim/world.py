@@ -27,7 +27,7 @@ from taichi_sim.models.catalogue import load_vehicle, step_of
 from taichi_sim.models.contact.between_teams import Contacts
 from taichi_sim.randomisation.conditions import realise
 from taichi_sim.randomisation.variation import Variation
-from taichi_sim.state.dump import Dump, save_dump
+from taichi_sim.state.divergence_dump import Dump, save_dump
 from taichi_sim.state.memory import Remembers
 from taichi_sim.state.snapshot import Stateful, check_memory
 from taichi_sim.surroundings.air import Wind
@@ -79,8 +79,8 @@ class World(Stateful):
             its width in a scenario does not depend on `variation`.
         truth_names: team -> n names.
         contacts: teams with legs and the decks that may carry them (contact/between_teams.py).
-        dump_folder: folder for the last step of an environment whose state is no longer finite (dump.py); None: no
-            dumps.
+        dump_folder: folder for the last step of an environment whose state is no longer finite (divergence_dump.py);
+            None: no dumps.
     """
 
     @runtime.own_settings()
@@ -445,7 +445,7 @@ class World(Stateful):
 
 
 def replay(dump: Dump, source: Path | None = None) -> World:
-    """Run the step of a dump (dump.py) again, in a world of one environment; return the world after it.
+    """Run the step of a dump (divergence_dump.py) again, in a world of one environment; return the world after it.
 
     `source` is the scenario's file, beside which vehicle files are searched.
     """

@@ -10,7 +10,7 @@ import torch
 from taichi_sim.config import Positive, Strict
 from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, ELEVATION, POSITION, QUATERNION, VELOCITY
 from taichi_sim.kernels.rotation import torch_rotation_matrix
-from taichi_sim.models.usv.vessel import Vessel
+from taichi_sim.models.usv.vessel_base import Vessel
 
 
 class MyBoatParams(Strict):

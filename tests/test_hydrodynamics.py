@@ -15,8 +15,8 @@ from taichi_sim.applications.hydro.panelling import wetted
 from taichi_sim.applications.hydro.wetted_surface import TURN, WettedSurface, mirrored, reverse, turned_matrix
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder
-from taichi_sim.models.usv.hull.calm_water import Hydrostatics
 from taichi_sim.models.usv.hull.database import HydroDatabase, database_file, hull_hash
+from taichi_sim.models.usv.hull.hydrostatic_stability import Hydrostatics
 from taichi_sim.models.usv.hull.mesh import BoxHull, Panels, StationsHull, mesh
 from tools import hydrodynamics
 

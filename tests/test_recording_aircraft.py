@@ -18,7 +18,7 @@ from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.models.catalogue import load_vehicle
 from taichi_sim.models.uav.aircraft import Aircraft
-from taichi_sim.models.usv.vessel import Vessel
+from taichi_sim.models.usv.vessel_base import Vessel
 from taichi_sim.visualisation.recording import Airframe, Episode, write_recording
 from taichi_sim.visualisation.recording.arrows import metres_per_second_per_metre
 from taichi_sim.visualisation.recording.bodies import aircraft

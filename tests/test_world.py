@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from taichi_sim.config import ConfigError
-from taichi_sim.state.dump import load_dump
+from taichi_sim.state.divergence_dump import load_dump
 from taichi_sim.world import ActionError, Script, World, replay
 
 ROOT = Path(__file__).resolve().parents[1]

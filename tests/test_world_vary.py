@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from taichi_sim.config import ConfigError
-from taichi_sim.state.dump import load_dump
+from taichi_sim.state.divergence_dump import load_dump
 from taichi_sim.world import World, replay
 
 SMALL = ("sea.realisations=4", "sea.components=4", "usv.count=2", "uav.count=1")

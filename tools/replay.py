@@ -2,7 +2,8 @@
 
     python tools/replay.py runs/NAME/dumps/000.dump
 
-Training writes such a dump (taichi_sim/state/dump.py). Exit status: 0 the step was repeated, 2 the file is not a dump.
+Training writes such a dump (taichi_sim/state/divergence_dump.py). Exit status: 0 the step was repeated, 2 the file is
+not a dump.
 """
 
 import argparse
@@ -13,7 +14,7 @@ import torch
 
 from taichi_sim.config import ConfigError
 from taichi_sim.kernels import runtime
-from taichi_sim.state.dump import load_dump
+from taichi_sim.state.divergence_dump import load_dump
 from taichi_sim.world import replay
 
 

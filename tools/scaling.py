@@ -26,7 +26,7 @@ if __package__ in (None, ""):  # run as a script: the packages are beside this f
 
 from rl.commands import shared
 from rl.runs import folder as run_folder
-from rl.runs import launch
+from rl.runs import torchrun
 from taichi_sim.config.io import output
 from tools.benchmarking.against import Worker
 
@@ -131,7 +131,7 @@ def measure(scenario: str, setting: StageSetup) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "times.json"
         words = [scenario, str(setting.envs), str(ITERATIONS), str(setting.threads), str(file)]
-        launch.run(WORKER, words, setting.processes)
+        torchrun.run(WORKER, words, setting.processes)
         return json.loads(file.read_text(encoding="utf-8"))
 
 

@@ -44,12 +44,12 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
-    from rl.runs import launch, processes
+    from rl.runs import ranks, torchrun
 
-    if (number := launch.process_count(args.processes, args.threads, units(args), args.arch, enough=1)) > 1:
-        launch.run(Path(__file__), sys.argv[1:] if argv is None else argv, number)
+    if (number := torchrun.process_count(args.processes, args.threads, units(args), args.arch, enough=1)) > 1:
+        torchrun.run(Path(__file__), sys.argv[1:] if argv is None else argv, number)
         return
-    with processes.joined(args.arch):
+    with ranks.joined(args.arch):
         (sweep if args.sweep else evaluate)(args)
 
 
@@ -107,13 +107,13 @@ def sweep(args: argparse.Namespace) -> None:
     from rl.commands import shared
     from rl.evaluation.report import write_report
     from rl.evaluation.sweeps import find_sweep, load_sweep, run_sweep
-    from rl.runs import processes
+    from rl.runs import ranks
 
     file = find_sweep(args.sweep)
     wanted, contest = load_sweep(file, episodes=args.episodes, seed=args.seed), shared.open_both(args)
     shared.agree(contest.config, contest.source)
     out = run_sweep(wanted, file, contest, show_progress=not args.quiet)
-    if processes.here().first:
+    if ranks.here().first:
         print(f"sweep:  {out}\nreport: {write_report([args.run])}")
 
 

@@ -7,8 +7,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from rl.commands.bundle import bundle
 from rl.commands.shared import run
+from rl.commands.tools_folder import bundle
 
 SCRIPTS = {  # name -> module, further arguments, description
     "train": ("rl.train", (), "train the teams of a scenario, evaluate, record, report"),

@@ -48,11 +48,11 @@ def agree(config, source: Path) -> None:
         RunError: if they differ; the message names the process and the difference.
     """
     from rl.runs import folder as run_folder
-    from rl.runs import processes
+    from rl.runs import ranks
 
-    if processes.here().count > 1:
-        of_ranks = processes.gather(lambda: (run_folder.digest(config, source), config, run_folder.versions()))
-        processes.broadcast(lambda: _refuse_differences(of_ranks))
+    if ranks.here().count > 1:
+        of_ranks = ranks.gather(lambda: (run_folder.digest(config, source), config, run_folder.versions()))
+        ranks.broadcast(lambda: _refuse_differences(of_ranks))
 
 
 def _refuse_differences(of_ranks: list) -> None:
@@ -264,13 +264,13 @@ def start(args: argparse.Namespace) -> None:
     """Start Taichi and torch with the threads and device of the arguments."""
     import torch
 
-    from rl.runs import processes
+    from rl.runs import ranks
     from taichi_sim.kernels import runtime
 
-    place = processes.here()
+    place = ranks.here()
     if args.arch == "cuda" and place.local_count > 1:
         os.environ.setdefault("CUDA_VISIBLE_DEVICES", str(place.local_rank))  # before CUDA starts
-    threads = args.threads or (processes.cores() if place.local_count > 1 else 0)
+    threads = args.threads or (ranks.cores() if place.local_count > 1 else 0)
     runtime.init(arch=args.arch, threads=threads)
     if threads:
         torch.set_num_threads(threads)
@@ -324,14 +324,14 @@ def run(main: Callable[[list[str] | None], None], argv: list[str] | None = None)
     """Run an entry point and return its exit status.
 
     The status is 0, 1 after an error of the user (printed as one message), 130 after Ctrl-C, 143 after SIGTERM. A
-    process that torchrun started also writes the reason of a failure to a file (rl/runs/launch.py).
+    process that torchrun started also writes the reason of a failure to a file (rl/runs/torchrun.py).
     """
     from rl.runs import signals
 
     if "TORCHELASTIC_RUN_ID" in os.environ:
-        from rl.runs import launch
+        from rl.runs import torchrun
 
-        return launch.run_worker(main, argv, mistake)
+        return torchrun.run_worker(main, argv, mistake)
     with signals.sigterm_as_interrupt():
         try:
             main(argv)

@@ -6,7 +6,7 @@ A scenario is a copy of a shipped one; a vehicle and a mission are the examples 
 import re
 from pathlib import Path
 
-from rl.commands.bundle import bundle
+from rl.commands.tools_folder import bundle
 from taichi_sim.config.base import ConfigError
 from taichi_sim.config.io import find_config
 

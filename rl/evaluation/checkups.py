@@ -18,7 +18,7 @@ from rl.evaluation.judge import Episodes, Judge, finite
 from rl.learn.policy import UNTRAINED, ClassicalPolicy, Policy, TrainedPolicy, checkpoints, load_policy
 from rl.learn.progress import CHECKUPS, HISTORY, read_rows, spent, write_rows
 from rl.mission import ControllerError, Mission, Team
-from rl.runs import processes
+from rl.runs import ranks
 from rl.runs.folder import Figures
 from rl.scenario import Scenario, derive_seed
 from taichi_sim.config.arguments import ActionError
@@ -67,15 +67,15 @@ def check_stage(
 
     With several processes each takes its share of the contestants. `events` also writes TensorBoard's.
     """
-    plan = processes.broadcast(lambda: _plan(config, out, name))
+    plan = ranks.broadcast(lambda: _plan(config, out, name))
     if plan is None:
         return
     contestants = [*(k for k, _ in plan.learned), *([CLASSICAL] if plan.classical else [])]
-    place = processes.here()
+    place = ranks.here()
     own = contestants[place.rank :: place.count]
     with runtime.torch_at_rest(), tqdm(total=config.episode_steps, desc=f"checkup {name}", unit="step",
                                        disable=not (show_progress and place.first)) as bar:  # fmt: skip
-        shares = processes.gather(lambda: _figures(config, name, plan, own, source, bar))
+        shares = ranks.gather(lambda: _figures(config, name, plan, own, source, bar))
     found = {number: of for share in shares for number, of in share.items()}
     if place.first:
         for team in config.stages[name].learners:

@@ -18,7 +18,7 @@ from rl.evaluation.judge import Episodes, Judge
 from rl.learn.policy import Policy
 from rl.mission import Mission
 from rl.missions import find_mission
-from rl.runs import processes
+from rl.runs import ranks
 from rl.runs.folder import EvaluationResult
 from rl.scenario import Scenario, derive_seed
 from taichi_sim.config import ConfigError
@@ -110,7 +110,7 @@ def judge_trials(
     """
     for trial in trials:
         check_measurable(trial.config)
-    place = processes.here()
+    place = ranks.here()
     units = [(number, first) for number, trial in enumerate(trials) for first in trial.chunks]
     own = units[place.rank :: place.count]
     total = sum(trials[number].config.episode_steps for number, _ in own)
@@ -121,15 +121,15 @@ def judge_trials(
         def run_all() -> dict[tuple[int, int], _Part]:
             return {unit: _run_part(trials[unit[0]], unit, cannot, bar, logs if excerpts else None) for unit in own}
 
-        parts = {unit: part for of_rank in processes.gather(run_all) for unit, part in of_rank.items()}
+        parts = {unit: part for of_rank in ranks.gather(run_all) for unit, part in of_rank.items()}
     outcomes = [_pool(trial, [parts[n, first] for first in trial.chunks]) for n, trial in enumerate(trials) if parts]
     if excerpts:
-        chosen = processes.broadcast(
+        chosen = ranks.broadcast(
             lambda: [{} if isinstance(o, Exception) else shown_numbers(o.result) for o in outcomes]
         )
         shown_episodes = [(n, name, episode) for n, of_trial in enumerate(chosen) for name, episode in of_trial.items()]
         mine = [(n, name, episode) for n, name, episode in shown_episodes if (n, trials[n].chunk_of(episode)) in own]
-        gathered = processes.gather(lambda: [(n, name, _excerpt(trials[n], n, at, logs)) for n, name, at in mine])
+        gathered = ranks.gather(lambda: [(n, name, _excerpt(trials[n], n, at, logs)) for n, name, at in mine])
         for n, name, excerpt in (item for of_rank in gathered for item in of_rank):
             outcome = outcomes[n]
             assert isinstance(outcome, EvaluationOutcome)

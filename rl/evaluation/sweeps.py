@@ -31,7 +31,7 @@ from rl.evaluation.judge import Judge
 from rl.learn.policy import CheckpointError, Policy, checkpoints
 from rl.missions import find_mission, shipped
 from rl.runs import folder as run_folder
-from rl.runs import processes
+from rl.runs import ranks
 from rl.scenario import Scenario
 from rl.team import ControllerError
 from taichi_sim.config import ConfigError, Positive, Strict
@@ -307,7 +307,7 @@ def run_sweep(
     for whose, other in (("the evaluation's", config.evaluation.seed), ("the training's", config.seed)):
         if sweep.seed == other:
             raise ConfigError(f"{file}: seed = {other} is {whose}: a sweep needs another seed")
-    opponent, place = contest.opponent, processes.here()
+    opponent, place = contest.opponent, ranks.here()
     name = file.stem if opponent == "classical" else f"{file.stem}-{opponent}"
     out = contest.run / FOLDER / name
     todo = cells(sweep, config, file)
@@ -320,7 +320,7 @@ def run_sweep(
             out.mkdir(parents=True, exist_ok=True)
             stack.enter_context(run_folder.lock(out))
             lines = stack.enter_context((out / CELLS).open("a+", encoding="utf-8"))
-        done = processes.broadcast(lambda: _read(lines))
+        done = ranks.broadcast(lambda: _read(lines))
         left = [(key, cell) for key, cell in keyed if key not in done]
         begun = total - len(left)
         shown = show_progress and place.first
@@ -333,7 +333,7 @@ def run_sweep(
                 batch = left[turn : turn + place.count]
                 mine = batch[place.rank][1] if place.rank < len(batch) else None
                 measure = functools.partial(_measure, mine, sweep, contest, judge)
-                for (key, _), found in zip(batch, processes.gather(measure), strict=False):
+                for (key, _), found in zip(batch, ranks.gather(measure), strict=False):
                     done[key] = found
                     lines.write(json.dumps({"key": key} | found) + "\n")
                     lines.flush()

@@ -22,7 +22,7 @@ from torch import Tensor
 from rl.learn.env import Extras, MissionEnv
 from rl.learn.ppo import LeanPPO
 from rl.planning.planner import PlanConfig, Planner, path_integral_mean
-from rl.runs import processes
+from rl.runs import ranks
 from rl.scenario import StageConfig
 from rl.team import Team
 
@@ -179,7 +179,7 @@ class PlannedImprovement(LeanPPO):
         """Fit the actor to a lesson; return the last epoch's weighted mean squared error."""
         weights = [p for name, p in self.actor.named_parameters() if not name.startswith("distribution")]
         count = len(lesson.weight)
-        fewest = -processes.greatest(-count)  # of all processes: all take as many steps
+        fewest = -ranks.greatest(-count)  # of all processes: all take as many steps
         if not fewest:
             return 0.0
         size = min(BATCH, fewest)
@@ -196,7 +196,7 @@ class PlannedImprovement(LeanPPO):
                 miss = self._actor.forward(observed.contiguous()) - wanted
                 error += float((weight * miss.square()).mean()) / batches
                 self._actor.backward(miss.mul_(weight).mul_(2 / miss.numel()))
-                processes.average_(self._gradients[0])
+                ranks.average_(self._gradients[0])
                 optimizer.step()
                 schedule.step()
         return error

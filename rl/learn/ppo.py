@@ -23,7 +23,7 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 from torch.nn import functional
 
-from rl.runs import processes
+from rl.runs import ranks
 
 SLOWER, FASTER, STEP = 1e-5, 1e-2, 1.5  # rsl-rl's limits of an adaptive learning rate, and its factor
 PIECE = 6144  # samples at a time: more leave the cache, fewer cost overhead
@@ -225,7 +225,7 @@ class LeanPPO(PPO):
         self._by_std.sub_(self.entropy_coef / std).mul_(within)
         self._shared[-1] = ((std / old_std).log() + (old_std.square() + moved) / (2 * std.square()) - 0.5).sum()
         if self.is_multi_gpu:
-            processes.average_(self._shared)
+            ranks.average_(self._shared)
         self._adapt(float(self._shared[-1]))
         for of_network in self._gradients:
             of_network.mul_((self.max_grad_norm / (of_network.norm() + 1e-6)).clamp_(max=1.0))

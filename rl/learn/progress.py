@@ -25,7 +25,7 @@ from tqdm import tqdm
 
 from rl.learn.env import Extras, Learner
 from rl.mission import History
-from rl.runs import processes, signals
+from rl.runs import ranks, signals
 from taichi_sim.config.io import replacing
 
 HISTORY, CHECKUPS = "progress.csv", "checkups.csv"
@@ -111,7 +111,7 @@ class ProgressLogger(Logger):
         if self.bar is None:
             return  # a companion: the driving runner shows progress and handles signals
         self._show(self.bar, shown, values)
-        if number := processes.greatest(signals.pending()):
+        if number := ranks.greatest(signals.pending()):
             raise signals.interruption(number)
 
     def _show(self, bar: tqdm, means: dict[str, float], values: Iteration) -> None:
@@ -129,7 +129,7 @@ class ProgressLogger(Logger):
         """Means of the mission's logs over the iteration and all ranks."""
         logs, self._logs = self._logs, []
         keys = dict.fromkeys(key for log in logs for key in log)
-        return processes.mean({key: float(torch.stack([log[key].mean() for log in logs]).mean()) for key in keys})
+        return ranks.mean({key: float(torch.stack([log[key].mean() for log in logs]).mean()) for key in keys})
 
     def _write_row(self, it: int, means: dict[str, float], values: Iteration) -> None:
         losses, n = values["loss_dict"], self.cfg["num_steps_per_env"] * self.num_envs * self.gpu_world_size

@@ -22,7 +22,7 @@ from rl.learn.policy import (
 )
 from rl.learn.ppo import LeanPPO
 from rl.learn.progress import COLUMNS, HISTORY, ProgressLogger, spent, trim_history, writer_config
-from rl.runs import processes, signals
+from rl.runs import ranks, signals
 from rl.scenario import StageConfig
 
 
@@ -103,13 +103,13 @@ class StageRunner(OnPolicyRunner):
     def _configure_multi_gpu(self) -> None:
         """Set rank and number of processes.
 
-        rsl-rl's own method requires nccl and `cuda:RANK`; here rl/runs/processes.py has joined the processes already.
+        rsl-rl's own method requires nccl and `cuda:RANK`; here rl/runs/ranks.py has joined the processes already.
         """
-        place = processes.here()
+        place = ranks.here()
         self.gpu_world_size, self.gpu_global_rank, self.gpu_local_rank = place.count, place.rank, place.local_rank
         self.is_distributed = place.count > 1
-        ranks = {"global_rank": place.rank, "local_rank": place.local_rank, "world_size": place.count}
-        self.cfg["multi_gpu"] = ranks if self.is_distributed else None
+        numbers = {"global_rank": place.rank, "local_rank": place.local_rank, "world_size": place.count}
+        self.cfg["multi_gpu"] = numbers if self.is_distributed else None
 
     def continue_history(self) -> int:
         """Prepare to append to the history; return the number of completed iterations."""
@@ -118,7 +118,7 @@ class StageRunner(OnPolicyRunner):
         if done:
             settle = self.env.mission.config.evaluation.settle
             logger.settling = math.ceil(settle / self.env.mission.config.decision_interval)
-        if processes.here().first:
+        if ranks.here().first:
             logger.elapsed_before = trim_history(self.folder / HISTORY, done, logger.columns)
             logger.steps_before = spent(self.folder / HISTORY, self.first).agent_steps
         if isinstance(self.alg, PlannedImprovement):
@@ -128,7 +128,7 @@ class StageRunner(OnPolicyRunner):
         now = {"processes": self.gpu_world_size, "environments": self.env.mission.num_envs * self.gpu_world_size}
         if not self.batches or self.batches[-1] != self.batches[-1] | now:
             self.batches.append({"since_iteration": done - self.first} | now)
-        if not done and processes.here().first and not (self.folder / UNTRAINED).is_file():
+        if not done and ranks.here().first and not (self.folder / UNTRAINED).is_file():
             self._write(UNTRAINED, 0)
         return done
 
@@ -147,7 +147,7 @@ class StageRunner(OnPolicyRunner):
             with signals.deferred(together):
                 self.learn(self.last - done)
         except KeyboardInterrupt:
-            if logger.completed > done and processes.here().first:
+            if logger.completed > done and ranks.here().first:
                 self.save("")
             raise
         except (ValueError, RuntimeError) as error:
@@ -190,7 +190,7 @@ class StageRunner(OnPolicyRunner):
         Raises:
             CheckpointError: if the networks are not the stage's, or the observations are not those of the training.
         """
-        content = processes.broadcast(lambda: read_checkpoint(Path(path)))
+        content = ranks.broadcast(lambda: read_checkpoint(Path(path)))
         begins = content["iter"] == self.first
         check_signature(content.get("infos") or {}, self._own, path)
         if begins:

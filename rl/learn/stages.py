@@ -27,7 +27,7 @@ from rl.learn.progress import HISTORY, spent
 from rl.learn.results import Batch, StageResult, Verdict
 from rl.learn.runner import StageRunner
 from rl.missions import make_mission
-from rl.runs import processes
+from rl.runs import ranks
 from rl.scenario import Scenario, StageConfig, at_stage, derive_seed
 
 Judged = Callable[[Mapping[str, TrainedPolicy]], float]
@@ -55,15 +55,15 @@ def train_stages(
     `out`.
 
     Vehicle files lie beside the scenario's file `source`. `dumps` is a folder for environments whose state stopped
-    being finite (taichi_sim/state/dump.py). Without `judged`, every stage is kept.
+    being finite (taichi_sim/state/divergence_dump.py). Without `judged`, every stage is kept.
     """
     policies: dict[str, TrainedPolicy] = {}
     for name in config.stages:
         changed = train_stage(config, out, name, policies, source, dumps, show_progress, observers)
-        policies |= processes.broadcast(partial(_ended, config, out, name, policies, judged, changed))
+        policies |= ranks.broadcast(partial(_ended, config, out, name, policies, judged, changed))
         if observers.ended is not None:
             observers.ended(name)
-    return processes.broadcast(lambda: [stage_result(out, name, config) for name in config.stages])
+    return ranks.broadcast(lambda: [stage_result(out, name, config) for name in config.stages])
 
 
 def _ended(
@@ -88,8 +88,8 @@ def train_stage(
     dumps: Path | None, show_progress: bool, observers: Observers,
 ) -> bool:  # fmt: skip
     """Train the stage `name` to its last iteration; return False if it was finished already."""
-    stage, first, place = config.stages[name], config.iterations_before(name), processes.here()
-    done = processes.broadcast(partial(_completed, out, stage))
+    stage, first, place = config.stages[name], config.iterations_before(name), ranks.here()
+    done = ranks.broadcast(partial(_completed, out, stage))
     if done >= first + stage.iterations:
         return False
     rank = (place.rank,) if place.rank else ()  # each rank has its own worlds, seas, starts and exploration
@@ -98,7 +98,7 @@ def train_stage(
     acting = policies if stage.frozen is None else stage.frozen
     teams = tuple(t for t in config.teams if t in stage.learners or t in acting)
     here = at_stage(config, name)
-    envs, worlds = processes.envs_each(stage.num_envs), derive_seed(config.seed, name, *rank)
+    envs, worlds = ranks.envs_each(stage.num_envs), derive_seed(config.seed, name, *rank)
     mission = make_mission(here, envs, seed=worlds, teams=teams, source=source)
     mission.reseed(seed)
     mission.world.dump_folder = dumps
@@ -108,7 +108,7 @@ def train_stage(
         begun = config.iterations_before(name, team)
         runner = StageRunner(env, stage, out / team, begun, observers.logger)
         begins = out / team / f"model_{done - first + begun}.pt"
-        if done - first + begun or processes.broadcast(begins.is_file):
+        if done - first + begun or ranks.broadcast(begins.is_file):
             runner.load(str(begins))
         return runner
 

@@ -30,7 +30,7 @@ from typing import TypedDict, TypeVar
 
 from rl.learn.results import StageResult
 from rl.missions import load_scenario
-from rl.runs import processes
+from rl.runs import ranks
 from rl.scenario import Scenario
 from taichi_sim.config import ConfigError
 from taichi_sim.config.files import files_of, named_files, with_files
@@ -157,7 +157,7 @@ def begin(out: Path, config: Scenario, source: Path) -> None:
     Raises:
         RunError: if the folder exists already and holds another scenario.
     """
-    if processes.engine() is not None and (out / META).is_file():
+    if ranks.engine() is not None and (out / META).is_file():
         if read_json(out / META, dict).get("scenario_digest") == digest(config, source):
             return
         raise RunError(f"{out} exists already and holds another scenario: change --out, or torchrun's --rdzv-id")

@@ -24,7 +24,7 @@ from rl.learn.policy import UNTRAINED, Policy, load_policy, policies_of
 from rl.learn.progress import HISTORY, spent, team_history
 from rl.learn.stages import Observers, train_stages
 from rl.runs import folder as run_folder
-from rl.runs import processes
+from rl.runs import ranks
 from rl.runs.folder import EvaluationResult, Summary
 from rl.scenario import Scenario, derive_seed
 from rl.team import ControllerError
@@ -54,7 +54,7 @@ def run_main_job(
     if not config.stages:
         raise ConfigError("stages: the scenario has none: there is nothing to train")
     check_measurable(config)
-    first = processes.here().first
+    first = ranks.here().first
     source = out / run_folder.CONFIG if first else source
     start = time.perf_counter() - sum(spent(out / team / HISTORY).seconds for team in config.trained)
     checkup = partial(check_stage, config, out, source=source, events=logger != "none", show_progress=show_progress)
@@ -63,9 +63,7 @@ def run_main_job(
             config, out, source=source, dumps=out / run_folder.DUMPS, judged=partial(_loss, config, source),
             show_progress=show_progress, observers=Observers(logger, watch, checkup),
         )  # fmt: skip
-        policies: dict[str, Policy] = processes.broadcast(
-            lambda: {t: load_policy(out, config, t) for t in config.trained}
-        )
+        policies: dict[str, Policy] = ranks.broadcast(lambda: {t: load_policy(out, config, t) for t in config.trained})
         evaluation = _evaluate(config, policies, out, source, show_progress)
         if evaluation is None:  # not rank 0
             return None
@@ -74,7 +72,7 @@ def run_main_job(
             "scenario": config.name,
             "seed": config.seed,
             "wall_time_s": round(time.perf_counter() - start, 3),
-            "processes": processes.here().count,
+            "processes": ranks.here().count,
             "stages": stages,
             "evaluation": evaluation,
         }
@@ -131,9 +129,9 @@ def _evaluate(
     for outcome in outcomes:
         if not isinstance(outcome, Exception):
             save_evaluation(out, outcome)
-    if bounds := processes.broadcast(lambda: read_bounds(config)):
+    if bounds := ranks.broadcast(lambda: read_bounds(config)):
         judged = judge_on_bounds(bounds, config, policies, source)
-        if processes.here().first:
+        if ranks.here().first:
             save_headroom(out, judged)
     learned = outcomes[0] if outcomes else None
     if isinstance(learned, Exception):

@@ -15,7 +15,7 @@ from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, 
 from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.models.uav.fixed_wing.airframe_arrays import loads
 from taichi_sim.models.uav.fixed_wing.trim import trim
-from taichi_sim.state.dump import load_dump
+from taichi_sim.state.divergence_dump import load_dump
 from taichi_sim.world import World, replay
 
 IDEAL = {"time_constant": 0.0, "rate_limit_deg": math.inf, "throttle_time_constant": 0.0}

@@ -6,7 +6,7 @@ import tomli_w
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder, read_toml
 from taichi_sim.models.catalogue import load_vehicle
-from taichi_sim.models.usv.hull.calm_water import Hydrostatics
+from taichi_sim.models.usv.hull.hydrostatic_stability import Hydrostatics
 from taichi_sim.models.usv.hull.mesh import mesh
 
 

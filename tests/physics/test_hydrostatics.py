@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from taichi_sim.kernels.conventions import GRAVITY, RHO_SEA
-from taichi_sim.models.usv.hull.calm_water import Hydrostatics, check_floats, down_in_body
+from taichi_sim.models.usv.hull.hydrostatic_stability import Hydrostatics, check_floats, down_in_body
 from taichi_sim.models.usv.hull.mesh import BoxHull, TwinPontoons, WigleyHull, mesh
 
 BOX = BoxHull(length=4.0, beam=2.0, draft=0.5, freeboard=0.5)

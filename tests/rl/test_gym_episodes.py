@@ -14,7 +14,7 @@ from rl.learn.policy import OBS_GROUPS, CheckpointError, TrainedPolicy, actor_co
 from rl.missions import load_scenario
 from rl.runs.folder import CONFIG, RunError
 from taichi_sim.config.io import write_toml
-from taichi_sim.models.usv.vessel import Vessel
+from taichi_sim.models.usv.vessel_base import Vessel
 
 # -- seeds ---------------------------------------------------------------------------------------------------
 

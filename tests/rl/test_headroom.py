@@ -22,7 +22,7 @@ from rl.evaluation.store import load_headroom, save_headroom
 from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario
 from rl.missions.formation.judge import FormationJudge
-from rl.runs import processes
+from rl.runs import ranks
 from taichi_sim.config.io import config_folder
 
 RNG = np.random.default_rng(3)
@@ -111,9 +111,9 @@ def judge(rank: int, count: int, port: int, pipe) -> None:
     os.environ |= {key: str(value) for key, value in here.items()} | {"MASTER_ADDR": "127.0.0.1"}
     config = load_scenario("lanes", FEW)
     bounds = {team: Bound((team,), 2, episodes(1.0, 3), episodes(1.0, 3), 0.1) for team in ("usv", "uav")}
-    with processes.joined():
+    with ranks.joined():
         found = judge_on_bounds(bounds, config, {team: ClassicalPolicy() for team in bounds})
-        processes.broadcast(lambda: None)  # which waits for all
+        ranks.broadcast(lambda: None)  # which waits for all
     pipe.send({team: numbers["leader_error_rms_m"].tolist() for team, numbers in found.items()})
 
 

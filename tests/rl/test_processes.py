@@ -18,7 +18,7 @@ from command_line import ROOT, TEAMS, command, content, iterations, server, sets
 
 from rl.commands import shared
 from rl.missions import load_scenario
-from rl.runs import launch, processes, signals
+from rl.runs import ranks, signals, torchrun
 from rl.runs.folder import RunError
 
 ENVS, STEPS, VEHICLES = 12, 8, 3
@@ -83,16 +83,16 @@ def talk(rank: int, count: int, port: int, pipe) -> None:
             raise RunError(f"wrong on {rank}")
         return rank
 
-    said: list = [processes.envs_each(5)]
-    with processes.joined():
-        said.append(processes.broadcast(lambda: f"from {rank}"))
-        said.append(processes.gather(lambda: rank * 10))
-        said.append(processes.mean({"a": float(rank), "b": 1.0}))
-        said.append(processes.greatest(rank))
+    said: list = [ranks.envs_each(5)]
+    with ranks.joined():
+        said.append(ranks.broadcast(lambda: f"from {rank}"))
+        said.append(ranks.gather(lambda: rank * 10))
+        said.append(ranks.mean({"a": float(rank), "b": 1.0}))
+        said.append(ranks.greatest(rank))
         numbers = torch.arange(40_000.0) * (rank + 1)
-        processes.average_(numbers)
+        ranks.average_(numbers)
         said.append(numbers[[0, 1, 39_999]].tolist())
-        for call, of in ((processes.broadcast, 0), (processes.gather, 1)):
+        for call, of in ((ranks.broadcast, 0), (ranks.gather, 1)):
             try:
                 call(lambda of=of: fails(of))
             except RunError as error:
@@ -122,23 +122,23 @@ def test_what_ranks_tell_each_other_and_what_one_raises_all_raise(count):
 
 def test_how_many_processes_there_are(monkeypatch, capsys):
     monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0, 1, 2, 3})
-    assert launch.process_count(None, 0, 512) == 4
-    assert launch.process_count(None, 0, 300) == 2  # none of them with too few environments
+    assert torchrun.process_count(None, 0, 512) == 4
+    assert torchrun.process_count(None, 0, 300) == 2  # none of them with too few environments
     assert (
-        launch.process_count(None, 2, 512)
-        == launch.process_count(None, 0, 512, "cuda")
-        == launch.process_count(None, 0, 8)
+        torchrun.process_count(None, 2, 512)
+        == torchrun.process_count(None, 0, 512, "cuda")
+        == torchrun.process_count(None, 0, 8)
         == 1
     )
-    assert launch.process_count(6, 0, 512) == 6
+    assert torchrun.process_count(6, 0, 512) == 6
     assert "6 processes share 4 cores" in capsys.readouterr().err
     with pytest.raises(RunError, match="--processes 1000: allowed are 1 to 32; this machine has 4 cores"):
-        launch.process_count(1000, 0, 5000)
+        torchrun.process_count(1000, 0, 5000)
     with pytest.raises(RunError, match="allowed are 1 to 3; a stage has 3 environments"):
-        launch.process_count(4, 0, 3)
-    assert launch.process_count(4, 0, 2, enough=1) == 2  # of episodes or cells there may be fewer
+        torchrun.process_count(4, 0, 3)
+    assert torchrun.process_count(4, 0, 2, enough=1) == 2  # of episodes or cells there may be fewer
     monkeypatch.setenv("TORCHELASTIC_RUN_ID", "x")
-    assert launch.process_count(None, 0, 512) == 1  # it is one of several
+    assert torchrun.process_count(None, 0, 512) == 1  # it is one of several
 
 
 def test_a_signal_is_noted_once_and_raised_the_second_time():

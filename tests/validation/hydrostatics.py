@@ -4,7 +4,7 @@ import numpy as np
 
 from taichi_sim.kernels.conventions import GRAVITY, RHO_SEA
 from taichi_sim.kernels.rigid_body import rigid_body_mass
-from taichi_sim.models.usv.hull.calm_water import Hydrostatics
+from taichi_sim.models.usv.hull.hydrostatic_stability import Hydrostatics
 from taichi_sim.models.usv.hull.mesh import mesh
 from taichi_sim.surroundings.sea import Sea
 from taichi_sim.surroundings.sea.spectrum import Components

@@ -7,8 +7,8 @@ import numpy as np
 
 from taichi_sim.applications.bench import Bench
 from taichi_sim.config.io import validate
-from taichi_sim.models.usv.hull.calm_water import Hydrostatics
 from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof, Hull6DofParams
+from taichi_sim.models.usv.hull.hydrostatic_stability import Hydrostatics
 from taichi_sim.models.usv.hull.mesh import TwinPontoons, mesh
 from tests.validation.case import TOLERANCE, Case
 from tests.validation.parameters import published, shipped

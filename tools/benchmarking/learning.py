@@ -62,11 +62,11 @@ def train(config: Any, envs: int, iterations: int) -> dict[str, Any]:
     from rl.learn.env import MissionEnv
     from rl.learn.runner import StageRunner
     from rl.missions import make_mission
-    from rl.runs import processes
+    from rl.runs import ranks
     from tools.benchmarking.mission import Stopwatch, first_stage
 
     stage = first_stage(config).model_copy(update={"num_envs": envs, "checkpoint_interval": 10**6})
-    own, rank = processes.envs_each(envs), processes.here().rank
+    own, rank = ranks.envs_each(envs), ranks.here().rank
     task = make_mission(config, own, seed=rank, teams=(stage.team,))
     seconds, parts, talk = [], [], []
     with tempfile.TemporaryDirectory() as folder:
@@ -74,7 +74,7 @@ def train(config: Any, envs: int, iterations: int) -> dict[str, Any]:
         runner.continue_history()
         together, runner.is_distributed = runner.is_distributed, False
         communication, stopwatch = Communication(), Stopwatch()
-        communication.watch(processes, "_reduce_")  # gradients and divergence, logs, pending signals
+        communication.watch(ranks, "_reduce_")  # gradients and divergence, logs, pending signals
         for owner, method, part in (
             (runner.alg, "act", INFERENCE),
             (runner.env, "step", ENVIRONMENT),
@@ -108,7 +108,7 @@ def train(config: Any, envs: int, iterations: int) -> dict[str, Any]:
         "calls": talk[-1][0],
         "bytes": talk[-1][1],
         "actor_bytes": weights,
-        "agent_steps": own * processes.here().count * task.teams[stage.team].fleet.count * stage.steps_per_iteration,
+        "agent_steps": own * ranks.here().count * task.teams[stage.team].fleet.count * stage.steps_per_iteration,
     }
 
 
@@ -116,10 +116,10 @@ def main() -> None:
     """Train, time, and write the result."""
     from rl.commands import shared
     from rl.missions import load_scenario
-    from rl.runs import processes
+    from rl.runs import ranks
 
     scenario, envs, iterations, threads, file = sys.argv[1:]
-    with processes.joined() as place:
+    with ranks.joined() as place:
         shared.start(argparse.Namespace(arch="cpu", threads=int(threads)))
         result = train(load_scenario(scenario), int(envs), int(iterations))
         if place.first:

@@ -39,7 +39,7 @@ from taichi_sim.kernels.runtime import array3
 from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.models.usv.hull.thrusters import PropellerPair
 from taichi_sim.models.usv.manoeuvring_3dof import Manoeuvring3dof, Manoeuvring3dofParams
-from taichi_sim.models.usv.vessel import steady_speed
+from taichi_sim.models.usv.vessel_base import steady_speed
 from taichi_sim.state.memory import Remembers
 
 SAMPLED_SHARE = 0.5  # limit of w times the decision interval; assumed

@@ -49,7 +49,7 @@ from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rigid_body import changed_mass
 from taichi_sim.models.catalogue import load_vehicle, vehicle_files
 from taichi_sim.models.usv.manoeuvring_3dof import Manoeuvring3dof
-from taichi_sim.models.usv.vessel import Vessel
+from taichi_sim.models.usv.vessel_base import Vessel
 from taichi_sim.vehicle import Vehicle, value_at
 
 PRIOR = 0.4  # prior standard deviation of a number's logarithm; assumed

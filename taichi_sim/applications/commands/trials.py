@@ -37,7 +37,7 @@ from taichi_sim.kernels import runtime
 from taichi_sim.models.catalogue import Changes, load_vehicle
 from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.models.uav.multirotor.params import MultirotorParams
-from taichi_sim.models.usv.vessel import Vessel
+from taichi_sim.models.usv.vessel_base import Vessel
 from taichi_sim.surroundings.sea import SteepSeaError
 from taichi_sim.vehicle import Vehicle
 

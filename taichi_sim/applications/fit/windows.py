@@ -13,7 +13,7 @@ from taichi_sim.applications.fit.sample_selection import SENSORS, Mask
 from taichi_sim.config import ConfigError
 from taichi_sim.kernels import conventions
 from taichi_sim.models.catalogue import load_vehicle
-from taichi_sim.models.usv.vessel import Vessel
+from taichi_sim.models.usv.vessel_base import Vessel
 
 SECONDS = 6.0  # usual length of a window
 SAMPLES = 12  # new samples of the slowest sensor that a usual window has

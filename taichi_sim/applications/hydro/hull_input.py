@@ -15,8 +15,8 @@ from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder, read_toml, validate, with_tuples
 from taichi_sim.kernels.conventions import RHO_SEA
 from taichi_sim.kernels.rigid_body import rigid_body_mass
-from taichi_sim.models.usv.hull.calm_water import Hydrostatics
 from taichi_sim.models.usv.hull.database import SUFFIX, HydroDatabase
+from taichi_sim.models.usv.hull.hydrostatic_stability import Hydrostatics
 from taichi_sim.models.usv.hull.mesh import HullShape, Panels, StationsHull, mesh
 from taichi_sim.models.usv.hull.params import RigidBody
 

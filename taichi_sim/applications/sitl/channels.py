@@ -23,7 +23,7 @@ from taichi_sim.config import ConfigError
 from taichi_sim.models.catalogue import Changes
 from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.models.uav.multirotor.params import MultirotorParams
-from taichi_sim.models.usv.vessel import Vessel
+from taichi_sim.models.usv.vessel_base import Vessel
 from taichi_sim.vehicle import Vehicle
 
 PWM = (1000, 2000)  # lowest and highest pulse width of ArduPilot's SITL, microseconds

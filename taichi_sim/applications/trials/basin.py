@@ -18,7 +18,7 @@ from taichi_sim.applications.trials.results import Array, TrialError
 from taichi_sim.config import AirConfig, ConfigError, SeaConfig
 from taichi_sim.kernels import conventions as at
 from taichi_sim.models.catalogue import Changes, load_vehicle
-from taichi_sim.models.usv.vessel import Vessel
+from taichi_sim.models.usv.vessel_base import Vessel
 
 Due = Callable[[Array], NDArray[np.bool_]]
 Act = Callable[[NDArray[np.bool_], float], Array]

@@ -54,7 +54,7 @@ from taichi_sim.models.usv.planar_shared import (
     write_rates,
     write_state,
 )  # fmt: skip
-from taichi_sim.models.usv.vessel import Number, Vessel, steady_speed
+from taichi_sim.models.usv.vessel_base import Number, Vessel, steady_speed
 from taichi_sim.surroundings.around_vehicles import Surroundings
 from taichi_sim.vehicle import Limits, UnstableStepError, VehicleParams
 

@@ -70,7 +70,7 @@ from taichi_sim.models.usv.planar_shared import (
     write_rates,
     write_state,
 )  # fmt: skip
-from taichi_sim.models.usv.vessel import RHO_AIR, Vessel, wind_forces
+from taichi_sim.models.usv.vessel_base import RHO_AIR, Vessel, wind_forces
 from taichi_sim.surroundings.around_vehicles import Surroundings
 from taichi_sim.vehicle import Limits
 

@@ -13,7 +13,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
-from taichi_sim.models.usv.vessel import Windage, steady_speed
+from taichi_sim.models.usv.vessel_base import Windage, steady_speed
 from taichi_sim.vehicle import VehicleParams
 
 Count = Annotated[int, Field(ge=1, le=2)]

@@ -22,7 +22,7 @@ from taichi_sim.kernels.rotation import (
     store,
     velocity_of,
 )
-from taichi_sim.surroundings.sea import waves
+from taichi_sim.surroundings.sea import gerstner
 
 LABEL_STEPS = 4  # fixed-point steps for the displacement, from zero
 AT_ONCE = 1e-300  # s; added to an actuator's time constant, so that one without lag follows at once
@@ -86,7 +86,7 @@ def elevations(
     X = ti.Vector([x, x + fx - gx, x + fx + gx, x - fx - gx, x - fx + gx])
     Y = ti.Vector([y, y + fy - gy, y + fy + gy, y - fy - gy, y - fy + gy])
     sea_index = around.env_sea[e]
-    h = waves.displacement_and_four_elevations(around.sea, around.phase, build.components, sea_index, e, X, Y, tau)
+    h = gerstner.displacement_and_four_elevations(around.sea, around.phase, build.components, sea_index, e, X, Y, tau)
     return ti.Vector([h[0], h[1]]), ti.Vector([h[2], h[3], h[4], h[5]])
 
 

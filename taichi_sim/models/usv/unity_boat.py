@@ -39,9 +39,9 @@ from taichi_sim.kernels.position import move
 from taichi_sim.kernels.rigid_body import quaternion_rate
 from taichi_sim.kernels.rotation import position_of, quaternion_advance, rotation_matrix, store
 from taichi_sim.kernels.runtime import array2
-from taichi_sim.models.usv.vessel import Number, Vessel, steady_speed
+from taichi_sim.models.usv.vessel_base import Number, Vessel, steady_speed
 from taichi_sim.surroundings.around_vehicles import Surroundings
-from taichi_sim.surroundings.sea import waves
+from taichi_sim.surroundings.sea import gerstner
 from taichi_sim.vehicle import Limits, VehicleParams
 
 
@@ -104,7 +104,7 @@ class BoatNumbers(NamedTuple):
 class UnityBoat(Vessel):
     """Steps a team of boats in place. Actions in [-1, 1] map to I_v in [0, 1] and to I_h; the controls are I_v and I_h.
 
-    The Lagrangian labels of the corners (waves.py) are their positions plus one displacement for all four: D, the
+    The Lagrangian labels of the corners (gerstner.py) are their positions plus one displacement for all four: D, the
     horizontal displacement of the surface particle at the hull's centre. D is updated by one fixed-point step per
     physics step, from a linear prediction. The auxiliary state [env, vehicle, 4] is D (north, east, m) and its change
     in the last step. On the paper's sea, at speed, the mean height under the hull is within 5 % of hs of the exact
@@ -256,7 +256,7 @@ class UnityBoat(Vessel):
         """
         a, b = ti.static(0.5 * self.params.length, 0.5 * self.params.beam)
         ahead, right = ti.Vector([a * R[0, 0], a * R[1, 0]]), ti.Vector([b * R[0, 1], b * R[1, 1]])
-        return waves.displacement_and_corners(
+        return gerstner.displacement_and_corners(
             around, build.components, e, pos[0] + D[0], pos[1] + D[1], ahead, right, tau
         )
 

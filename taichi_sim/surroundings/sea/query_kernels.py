@@ -1,4 +1,4 @@
-"""Kernels of `Sea`. Each evaluates waves.py at every row of a tensor of points.
+"""Kernels of `Sea`. Each evaluates gerstner.py at every row of a tensor of points.
 
 `sea` is the table of conventions.py. `phase` and `env_sea` have one row per point unless a kernel says otherwise.
 """
@@ -14,7 +14,7 @@ from torch import Tensor
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.conventions import DOWN, EAST, GRAVITY, NORTH
 from taichi_sim.kernels.runtime import array1, array2, array3, whole1
-from taichi_sim.surroundings.sea import waves
+from taichi_sim.surroundings.sea import gerstner
 
 NEWTON_ITERATIONS = 12  # exact to rounding for seas, and for a single wave of k a up to 0.99
 TWO_PI = 2 * math.pi
@@ -45,11 +45,11 @@ def surface(out: array2, points: array2, phase: array2, sea: array3, env_sea: wh
     """Elevation, label (2), Jacobian, slope (2), velocity (3, NED), acceleration (3, NED) at points [point, 2]."""
     for i in range(points.shape[0]):
         s, zero = env_sea[i], points[i, NORTH] * 0.0
-        L = waves.invert_label(sea, phase, count, s, i, points[i, NORTH], points[i, EAST], zero, NEWTON_ITERATIONS)
-        j = waves.jacobian(sea, phase, count, s, i, L[0], L[1], zero)
-        slope = waves.slope_at_label(sea, phase, count, s, i, L[0], L[1], zero)
-        v, a = waves.surface_motion(sea, phase, count, s, i, L[0], L[1], zero)
-        out[i, HEIGHT] = waves.elevation_at_label(sea, phase, count, s, i, L[0], L[1], zero)
+        L = gerstner.invert_label(sea, phase, count, s, i, points[i, NORTH], points[i, EAST], zero, NEWTON_ITERATIONS)
+        j = gerstner.jacobian(sea, phase, count, s, i, L[0], L[1], zero)
+        slope = gerstner.slope_at_label(sea, phase, count, s, i, L[0], L[1], zero)
+        v, a = gerstner.surface_motion(sea, phase, count, s, i, L[0], L[1], zero)
+        out[i, HEIGHT] = gerstner.elevation_at_label(sea, phase, count, s, i, L[0], L[1], zero)
         out[i, JACOBIAN] = j[0] * j[2] - j[1] * j[1]
         for k in ti.static(range(2)):
             out[i, LABEL.start + k], out[i, SLOPE.start + k] = L[k], slope[k]
@@ -67,8 +67,8 @@ def elevation(
     for i in range(points.shape[0]):
         row = point_row[i]
         s, zero = env_sea[row], points[i, NORTH] * 0.0
-        L = waves.invert_label(sea, phase, count, s, row, points[i, NORTH], points[i, EAST], zero, NEWTON_ITERATIONS)
-        out[i] = waves.elevation_at_label(sea, phase, count, s, row, L[0], L[1], zero)
+        L = gerstner.invert_label(sea, phase, count, s, row, points[i, NORTH], points[i, EAST], zero, NEWTON_ITERATIONS)
+        out[i] = gerstner.elevation_at_label(sea, phase, count, s, row, L[0], L[1], zero)
 
 
 _elevation = runtime.Launcher(elevation)
@@ -89,10 +89,10 @@ def column(
     """Gauge pressure over rho g (m), velocity (3) and acceleration (3), NED, at points [point, 3] (NED)."""
     for i in range(points.shape[0]):
         s, zero, z = env_sea[i], points[i, NORTH] * 0.0, -points[i, DOWN]
-        L = waves.invert_label(sea, phase, count, s, i, points[i, NORTH], points[i, EAST], zero, NEWTON_ITERATIONS)
-        zeta = waves.elevation_at_label(sea, phase, count, s, i, L[0], L[1], zero)
-        below = waves.stretched(z, zeta, depth)
-        r = waves.column_at_label(sea, phase, count, s, i, L[0], L[1], below, depth, zero)
+        L = gerstner.invert_label(sea, phase, count, s, i, points[i, NORTH], points[i, EAST], zero, NEWTON_ITERATIONS)
+        zeta = gerstner.elevation_at_label(sea, phase, count, s, i, L[0], L[1], zero)
+        below = gerstner.stretched(z, zeta, depth)
+        r = gerstner.column_at_label(sea, phase, count, s, i, L[0], L[1], below, depth, zero)
         v, a = ti.Vector([r[1], r[2], -r[3]]), ti.Vector([r[4], r[5], -r[6]])
         out[i, COLUMN_PRESSURE] = ti.max(r[0] - z, 0.0) * ti.cast(z < zeta, float)
         for k in ti.static(range(3)):
@@ -105,7 +105,7 @@ def airy(out: array2, points: array2, phase: array2, sea: array3, depth: float, 
     for i in range(points.shape[0]):
         zero = points[i, NORTH] * 0.0
         x, y, z = points[i, NORTH], points[i, EAST], -points[i, DOWN]
-        r = waves.airy_at(sea, phase, count, 0, i, x, y, z, depth, GRAVITY, zero)
+        r = gerstner.airy_at(sea, phase, count, 0, i, x, y, z, depth, GRAVITY, zero)
         r[2] = -r[2]  # down
         for k in ti.static(range(3)):
             out[i, AIRY_VELOCITY.start + k] = r[k]

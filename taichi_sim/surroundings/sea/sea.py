@@ -199,7 +199,7 @@ class Sea:
         """Return the waves of a realisation at `time` (s), [6, component], for drawing.
 
         The rows are amplitude (m), k_x, k_y (rad/m), phase at that time (rad, in [0, 2 pi)), b_x, b_y (m), as in
-        waves.py.
+        gerstner.py.
         """
         device = self.table.device
         which = torch.tensor([sea], dtype=torch.int32, device=device)
@@ -272,7 +272,7 @@ class Sea:
         """Gauge pressure [...] (Pa), hydrostatic plus dynamic; 0 at the instantaneous surface and above it.
 
         Arguments broadcast: `down` (m) counts from mean sea level (negative in a crest), `sea` is the realisation. The
-        theory is stretched linear theory (waves.py). Below the bottom the pressure continues hydrostatically.
+        theory is stretched linear theory (gerstner.py). Below the bottom the pressure continues hydrostatically.
         """
         raw, shape = self._column(north, east, down, time, sea)
         return RHO_SEA * GRAVITY * raw[:, query_kernels.COLUMN_PRESSURE].reshape(shape)

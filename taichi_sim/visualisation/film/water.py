@@ -1,8 +1,8 @@
 """The sea as a grid of points that are evenly spaced on the screen, from the horizon to the picture's lower edge.
 
 A grid point labels a particle on the mean level, where a pixel's ray meets it. Gerstner waves
-(taichi_sim/surroundings/sea/waves.py) move it from there, so that nothing needs inversion. Waves that are too short for
-the spacing of neighbouring points are
+(taichi_sim/surroundings/sea/gerstner.py) move it from there, so that nothing needs inversion. Waves that are too short
+for the spacing of neighbouring points are
 left out: below about four points per wave, a component fades and adds to `rough`, the mean square slope of everything
 left out. Positions are relative to the eye; phases at the eye are computed in f64.
 """

@@ -4,8 +4,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from taichi_sim.config.io import validate
-from taichi_sim.models.usv.hull.calm_water import Hydrostatics
 from taichi_sim.models.usv.hull.geometry import HullGeometry
+from taichi_sim.models.usv.hull.hydrostatic_stability import Hydrostatics
 from taichi_sim.models.usv.hull.mesh import mesh
 from taichi_sim.models.usv.hull.params import Hull6DofParams
 from taichi_sim.visualisation.plotting import INK, dress, new_figure

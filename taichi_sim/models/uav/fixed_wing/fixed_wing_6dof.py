@@ -1,7 +1,8 @@
 """`fixed_wing_6dof`: a team of Beard-McLain aircraft (airframe.py) in wind, with actuators and an autopilot.
 
 One kernel launch per control step loads each aircraft's state once, makes RK4 substeps on local values, and stores the
-state once. The autopilot runs at its own rate (uav/sampling.py). Deflections, at their mean, and the air's velocity (in
+state once. The autopilot runs at its own rate (uav/autopilot_rate.py). Deflections, at their mean, and the air's
+velocity (in
 n: local_air.py) are held over a substep. The substep is made in the frame of the air, so a steady wind is exact.
 Halving the substep removes three quarters of the error (tests/physics/test_order.py).
 
@@ -28,6 +29,7 @@ from taichi_sim.kernels.rotation import attitude_of, position_of, rates_of, stor
 from taichi_sim.models.uav import local_air
 from taichi_sim.models.uav.aircraft import STALL_TIME as STALL_TIME_NAME
 from taichi_sim.models.uav.aircraft import Aircraft
+from taichi_sim.models.uav.autopilot_rate import sampling
 from taichi_sim.models.uav.fixed_wing import actuators, autopilot
 from taichi_sim.models.uav.fixed_wing.airframe import aerodynamic_force, air_data, rk4, with_velocity
 from taichi_sim.models.uav.fixed_wing.airframe_arrays import derivatives, stall_angles
@@ -35,7 +37,6 @@ from taichi_sim.models.uav.fixed_wing.autopilot import ACTION_NAMES, AutopilotPa
 from taichi_sim.models.uav.fixed_wing.gains import gains, limits
 from taichi_sim.models.uav.fixed_wing.params import VARYING, FixedWingNumbers, FixedWingParams, aircraft_numbers
 from taichi_sim.models.uav.fixed_wing.trim import air_readings, largest_stable_dt, trim, trimmed
-from taichi_sim.models.uav.sampling import sampling
 from taichi_sim.surroundings.around_vehicles import Surroundings
 from taichi_sim.vehicle import Limits, Number, UnstableStepError
 

@@ -1,10 +1,10 @@
 """`multirotor_6dof`: a team of multirotors (airframe.py) in wind, with rotors that lag and a controller.
 
 One kernel launch per control step loads each aircraft's state once, makes substeps on local values, and stores the
-state once. The controller (controller.py) runs at its own rate (uav/sampling.py). The air's velocity (uav/local_air.py)
-is held over a substep, which is made in the frame of the air, so a steady wind is exact. Rotor speeds are exact for the
-command held over a substep (airframe.py). What else is held over one, is as in its middle: the sea and the deck below,
-the battery's voltage.
+state once. The controller (controller.py) runs at its own rate (uav/autopilot_rate.py). The air's velocity
+(uav/local_air.py) is held over a substep, which is made in the frame of the air, so a steady wind is exact. Rotor
+speeds are exact for the command held over a substep (airframe.py). What else is held over one, is as in its middle: the
+sea and the deck below, the battery's voltage.
 
 Near a deck (contact/between_teams.py) the ground effect includes the rotors' images in it, and a substep in which a
 sole may touch consists of contact steps (deck_step.py). Far from decks the results are those of a world without decks.
@@ -36,6 +36,7 @@ from taichi_sim.models.contact import deck_motion
 from taichi_sim.models.contact.leg_contact import SOLE_SIZE
 from taichi_sim.models.uav import local_air
 from taichi_sim.models.uav.aircraft import TrimError
+from taichi_sim.models.uav.autopilot_rate import sampling
 from taichi_sim.models.uav.fixed_wing.airframe import atan2, with_velocity
 from taichi_sim.models.uav.multirotor import controller, deck_step, ground, rotors
 from taichi_sim.models.uav.multirotor import instruments as at
@@ -44,13 +45,12 @@ from taichi_sim.models.uav.multirotor.body_mesh import body_surface
 from taichi_sim.models.uav.multirotor.params import MultirotorParams, multirotor_numbers, nominal_numbers, varying_keys
 from taichi_sim.models.uav.multirotor.params import gains as rotor_gains
 from taichi_sim.models.uav.multirotor.trim import largest_stable_dt, show, trim, trimmed
-from taichi_sim.models.uav.sampling import sampling
 from taichi_sim.surroundings.around_vehicles import Surroundings
-from taichi_sim.surroundings.sea import waves
+from taichi_sim.surroundings.sea import gerstner
 from taichi_sim.vehicle import Limits, Number, UnstableStepError, Vehicle, Waters, edge
 
 LONGEST_OUTSIDE = 3.0  # s: a longer time outside the model's validity ends the episode; assumed
-NEWTON_ITERATIONS = 5  # for the point of the sea below; exact to rounding in real seas (waves.invert_label)
+NEWTON_ITERATIONS = 5  # for the point of the sea below; exact to rounding in real seas (gerstner.invert_label)
 BISECTIONS = 30
 
 
@@ -456,8 +456,10 @@ class Multirotor6DOF(Vehicle):
     @ti.func
     def elevation(self, build: ti.template(), around: ti.template(), e, s, north, east, time):
         """Elevation (m, up) of sea s at a point (m), `time` (s) after the beginning of the step."""
-        L = waves.invert_label(around.sea, around.phase, build.components, s, e, north, east, time, NEWTON_ITERATIONS)
-        return waves.elevation_at_label(around.sea, around.phase, build.components, s, e, L[0], L[1], time)
+        L = gerstner.invert_label(
+            around.sea, around.phase, build.components, s, e, north, east, time, NEWTON_ITERATIONS
+        )
+        return gerstner.elevation_at_label(around.sea, around.phase, build.components, s, e, L[0], L[1], time)
 
     @ti.func
     def save(

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from taichi_sim.kernels import fast_maths, runtime
 from taichi_sim.kernels.conventions import AHEAD, STARBOARD
-from taichi_sim.models.usv.hull.calm_water import Hydrostatics
+from taichi_sim.models.usv.hull.hydrostatic_stability import Hydrostatics
 from taichi_sim.models.usv.hull.mesh import HullShape, Panels, mesh
 
 Array = NDArray[np.float64]

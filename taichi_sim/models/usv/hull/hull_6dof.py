@@ -49,14 +49,14 @@ from taichi_sim.kernels.rigid_body import angular, linear
 from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix, store
 from taichi_sim.kernels.runtime import array2, array3, whole1
 from taichi_sim.models.usv.hull import mmg_drive, motion, thruster_set, water
-from taichi_sim.models.usv.hull.calm_water import check_floats
 from taichi_sim.models.usv.hull.geometry import HullGeometry, device_table
+from taichi_sim.models.usv.hull.hydrostatic_stability import check_floats
 from taichi_sim.models.usv.hull.mmg_drive import MmgDrive
 from taichi_sim.models.usv.hull.motion import largest_stable_dt, linear_motion, runge_kutta_step, strang_step
 from taichi_sim.models.usv.hull.params import Hull6DofParams, hull_numbers, symmetric, varying_keys, vector
 from taichi_sim.models.usv.hull.radiation import radiation_of
 from taichi_sim.models.usv.hull.thruster_set import ThrusterSet
-from taichi_sim.models.usv.vessel import Number, Vessel, steady_speed
+from taichi_sim.models.usv.vessel_base import Number, Vessel, steady_speed
 from taichi_sim.surroundings.around_vehicles import Surroundings
 from taichi_sim.vehicle import Limits, UnstableStepError
 

@@ -55,7 +55,7 @@ from taichi_sim.kernels.runtime import array2, array3
 from taichi_sim.models.usv.hull import mmg_drive, water
 from taichi_sim.models.usv.hull.params import diagonal, symmetric, vector
 from taichi_sim.models.usv.hull.radiation_memory import Modes
-from taichi_sim.models.usv.vessel import wind_forces
+from taichi_sim.models.usv.vessel_base import wind_forces
 from taichi_sim.vehicle import edge
 
 Array = NDArray[np.float64]

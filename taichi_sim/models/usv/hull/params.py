@@ -23,7 +23,7 @@ from taichi_sim.models.usv.hull.mesh import HullShape
 from taichi_sim.models.usv.hull.thrusters import MOST_THRUSTERS, NamedThruster, PropellerPair, Thruster, Vector3
 from taichi_sim.models.usv.mmg import DERIVATIVES, OF_PARTS, part_numbers, polynomial_numbers
 from taichi_sim.models.usv.mmg_params import MmgSection
-from taichi_sim.models.usv.vessel import RHO_AIR, Number, Windage
+from taichi_sim.models.usv.vessel_base import RHO_AIR, Number, Windage
 from taichi_sim.vehicle import VehicleParams, left_of
 
 Diagonal = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]

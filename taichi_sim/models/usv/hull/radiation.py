@@ -65,9 +65,9 @@ from taichi_sim.models.usv.hull.database import HydroDatabase, hull_hash
 from taichi_sim.models.usv.hull.geometry import HullGeometry, device_table
 from taichi_sim.models.usv.hull.params import Hull6DofParams
 from taichi_sim.models.usv.hull.radiation_memory import Memory, Modes
-from taichi_sim.models.usv.vessel import Number
+from taichi_sim.models.usv.vessel_base import Number
 from taichi_sim.surroundings.around_vehicles import Surroundings
-from taichi_sim.surroundings.sea.waves import component
+from taichi_sim.surroundings.sea.gerstner import component
 
 Array = NDArray[np.float64]
 OSCILLATING = (2, 3, 4)  # heave, roll, pitch: the modes with a stiffness

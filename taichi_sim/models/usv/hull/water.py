@@ -1,7 +1,7 @@
 """Water at a hull: its mean surface plane, its motion averaged over the hull, its pressure, the current, the freeboard.
 
 Waves are summed at the label of the hull's centre: the position in still water of the particle that waves have
-displaced to the centre (sea/waves.py). Means are over the hull's waterplane (`Gauge`): elevation and slopes of the
+displaced to the centre (sea/gerstner.py). Means are over the hull's waterplane (`Gauge`): elevation and slopes of the
 plane with the best fit and, at the depth of the draft, the orbital motion nu_o of the water. In finite depth,
 horizontal motion decays by exp(-omega^2/g d), vertical motion by exp(-g k^2/omega^2 d). Both equal exp(-k d) in deep
 water, and the exact factors to first order in k d.
@@ -15,7 +15,7 @@ d is the depth below the hull's mean surface plane. (Wheeler's stretching (1970,
 from the elevation at the point. Counting from the plane lets one exponential serve a whole line.) In finite depth the
 decay is exp(-omega^2/g d), because hulls lie near the surface. Waves are summed at the points of lines (`WaveLines`)
 and carried from there to the panels. On a panel the pressure is linear, and clipped at zero out of the water. The load
-is the sum of its averages over strips times constant unit wrenches (calm_water.py).
+is the sum of its averages over strips times constant unit wrenches (hydrostatic_stability.py).
 
 Still water pushes a closed hull along the normal of its surface only, through the centroid of the wet volume. Where
 keels or decks cross the surface, strips miss that by their errors. The load of still water below the mean surface plane
@@ -38,9 +38,9 @@ from taichi_sim.kernels.abreast import taken2
 from taichi_sim.kernels.conventions import AMPLITUDE, BELOW, BX, BY, GRAVITY, KX, KY, OMEGA, RHO_SEA, K
 from taichi_sim.kernels.lanes import blocks, filled, laned, laned_totals, taken_lanes, total, totals, variables, width
 from taichi_sim.kernels.rigid_body import cross, six
-from taichi_sim.models.usv.hull.calm_water import Strips
 from taichi_sim.models.usv.hull.geometry import HullGeometry, averages, device_table
-from taichi_sim.surroundings.sea.waves import component
+from taichi_sim.models.usv.hull.hydrostatic_stability import Strips
+from taichi_sim.surroundings.sea.gerstner import component
 
 SUMS = 18  # numbers that `at_centre` returns:
 D_N, D_E, J_XX, J_XY, J_YY, ELEVATION, SLOPE_ALONG, SLOPE_ACROSS, *_motion = range(SUMS)
@@ -129,7 +129,8 @@ def corner_table(geometry: HullGeometry) -> NDArray[np.float64]:
     """Corner table, [CORNER_ROWS, corner]: positions (m, b) times SIDE, and SIDE: 1 in the design water, -1 above it.
 
     While every corner stays on its side, water lines cross panels from side to side, and strips are nearly exact
-    (calm_water.py). A corner of a panel that the design waterline crosses otherwise is on both sides, so never stays.
+    (hydrostatic_stability.py). A corner of a panel that the design waterline crosses otherwise is on both sides, so
+    never stays.
     """
     corner = geometry.panels.corners.round(CORNER_DIGITS)
     side = np.sign(corner[..., BELOW])

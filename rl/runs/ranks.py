@@ -1,6 +1,6 @@
 """Several processes that work as one: ranks, and exchange of values between them.
 
-torchrun starts the processes, on one machine or several (rl/runs/launch.py does it for `--processes`), and sets their
+torchrun starts the processes, on one machine or several (rl/runs/torchrun.py does it for `--processes`), and sets their
 ranks in environment variables. Rank 0 alone writes and shows progress. A command started alone is rank 0 of 1; every
 function here then only calls its argument.
 

@@ -19,7 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from rl.runs import processes, signals
+from rl.runs import ranks, signals
 from rl.runs.folder import RunError
 
 RESTARTS = 20  # most restarts after lost processes
@@ -40,7 +40,7 @@ class Failure(NamedTuple):
 
 def launched() -> bool:
     """Whether `run` started this process."""
-    return LAUNCHED in os.environ and processes.engine() is not None
+    return LAUNCHED in os.environ and ranks.engine() is not None
 
 
 def process_count(given: int | None, threads: int, share: int, arch: str = "cpu", enough: int = ENOUGH) -> int:
@@ -52,7 +52,7 @@ def process_count(given: int | None, threads: int, share: int, arch: str = "cpu"
     Raises:
         RunError: if `given` is more than the machine can bear or than there is work for.
     """
-    if processes.engine() is not None:
+    if ranks.engine() is not None:
         return 1
     cores = len(os.sched_getaffinity(0))
     if given is None:
@@ -162,7 +162,7 @@ def run_worker(
                 traceback.print_exc()
     _write_error(text, kind)
     if not silent:
-        print(f"process {processes.here().rank}: {text}", file=sys.stderr)
+        print(f"process {ranks.here().rank}: {text}", file=sys.stderr)
     return status
 
 
@@ -172,7 +172,7 @@ def _write_error(text: str, kind: str) -> None:
         return
     now = time.time()
     extra = {"timestamp": str(int(now)), "py_callstack": ""}
-    error = {"message": text, "kind": kind, "rank": processes.here().rank, "time": now, "extraInfo": extra}
+    error = {"message": text, "kind": kind, "rank": ranks.here().rank, "time": now, "extraInfo": extra}
     with open(file, "w", encoding="utf-8") as stream:
         json.dump({"message": error}, stream)
 
