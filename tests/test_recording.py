@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from recorded import assert_nothing_is_empty
 from rerun.chunk import RrdReader
 
-from rl.evaluation.training_figures import judged, levels_of
+from rl.evaluation.training_figures import judged, levels_of, training_figures
 from rl.learn.progress import read_history, team_history
+from rl.mission import History
 from rl.missions.formation import figures
 from rl.missions.formation.figures import write_figures
 from taichi_sim.visualisation.recording import Episode, Event, Medium, Scene, TeamTrack, write_recording
@@ -295,3 +296,15 @@ def test_each_recording_opens_in_its_own_layout(tmp_path: Path) -> None:
     files = [write_recording(make_episode(1, ("usv",), steps=2), tmp_path / f"{i}.rrd") for i in range(2)]
     names = {entry.application_id for file in files for entry in RrdReader(file).recordings()}
     assert len(names) == 2
+
+
+@pytest.mark.filterwarnings("error::UserWarning")
+def test_a_training_in_which_nothing_lasted_is_drawn_in_its_frame(tmp_path):
+    steps, nothing = np.array([0.0, 1e4, 2e4]), np.full(3, np.nan)
+    iterations = dict.fromkeys(("agent_steps", "wall_time_s", "reward_per_step", "policy_loss"), steps[1:])
+    levels = {"iteration": steps, "agent_steps": steps, "measured": 0.0 * steps, "a_m": nothing, "b_m": nothing}
+    classical = {"iteration": steps[:1], "a_m": np.array([0.3]), "b_m": np.array([0.3])}
+    drawn = training_figures({"usv": History(iterations, {"policy": levels, "classical": classical})}, None)["checkups"]
+    drawn.savefig(tmp_path / "checkups.png")
+    for axes in drawn.axes[:2]:
+        assert axes.get_position().width > 0.3 and any(line.get_marker() == "x" for line in axes.lines)

@@ -52,7 +52,8 @@ def draw_checkups(axes: Axes, history: History, column: str, colour: object, lab
     known, few = np.isfinite(values), (of["measured"] < FEW) & (column not in (REWARD, *SHARES))
     axes.plot(steps[known], values[known], color=colour, linewidth=1.8, label=label)
     dots = {"color": colour, "markersize": 4.5, "clip_on": False, "linestyle": "none"}
-    axes.plot(steps[known & ~few], values[known & ~few], marker="o", **dots)
+    if (known & ~few).any():  # a line of no points would widen the layout
+        axes.plot(steps[known & ~few], values[known & ~few], marker="o", **dots)
     if (known & few).any():
         axes.plot(steps[known & few], values[known & few], marker="o", markerfacecolor="white",
                   label="few episodes lasted", **dots)  # fmt: skip
