@@ -1,6 +1,4 @@
-"""docs/interfaces.md and docs/benchmark.md: their examples, run as they are written, from a folder outside the
-repository.
-"""
+"""docs/interfaces.md: its examples, run as they are written, from a folder outside the repository."""
 
 import re
 import subprocess
@@ -9,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-PAGES = [Path(__file__).resolve().parents[1] / "docs" / name for name in ("interfaces.md", "benchmark.md")]
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "interfaces.md"
 BLOCK = re.compile(r"^```\w+ file=(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-EXAMPLES = dict(block for page in PAGES for block in BLOCK.findall(page.read_text(encoding="utf-8")))
+EXAMPLES = dict(BLOCK.findall(PAGE.read_text(encoding="utf-8")))
 JUDGED = re.compile(r"^(before|after): reward (\S+), (\S+) m", re.MULTILINE)
 
 pytestmark = pytest.mark.slow
