@@ -7,7 +7,7 @@
     taichi-sim sitl otter --autopilot usv.0=9002 --controller RUN   # the others by the policies of a run
 
 Vehicles without an autopilot are driven by their classical controller, a run's policy, or not at all. Ctrl-C ends it.
-Without --autopilot, the argument is a VEHICLE: taichi-sim sitl --help. All else: docs/sitl.md.
+A scenario needs --autopilot. Without it, the argument is a VEHICLE: taichi-sim sitl --help. All else: docs/sitl.md.
 """
 
 import argparse

@@ -110,9 +110,8 @@ def vehicle_file(team: TeamConfig, scenario_file: Path | None = None) -> Path:
         if file.suffix == ".toml" and file.is_file():
             return file
     known = sorted({p.stem for folder in folders for p in folder.glob("*.toml")})
-    raise ConfigError(
-        f"vehicle = {team.vehicle!r}: no such vehicle file; known vehicles: {', '.join(known)}, or a path to a .toml"
-    )
+    what = "a scenario, not a vehicle" if (config_folder() / f"{name.stem}.toml").is_file() else "no such vehicle file"
+    raise ConfigError(f"vehicle = {team.vehicle!r}: {what}; known vehicles: {', '.join(known)}, or a path to a .toml")
 
 
 def read_toml(file: Path) -> dict[str, Any]:

@@ -29,6 +29,7 @@ from taichi_sim.config.io import config_folder
         ("seed.x=3", ("seed is a value",)),
         ("usv.vehicle=submarine", ("submarine", "unity_boat")),
         ("usv.vehicle=/nowhere/boat.toml", ("/nowhere/boat.toml", "no such vehicle file")),
+        ("usv.vehicle=cruise", ("'cruise'", "a scenario, not a vehicle")),
         ("stages.usv.team=tug", ("stages.usv.team", "'tug'")),
     ],
 )
