@@ -179,7 +179,7 @@ def test_a_wind_that_none_has_is_told(log, model, tmp_path):
     for wind, told in (
         ("99,120", "wind_speed = 99 marks"),
         ("61,120", "allowed are 0 to 60"),
-        ("5,400", "wind_from goes to 400"),
+        ("5,400", "line 2: wind_from is 400 degrees"),
     ):
         file = table(tmp_path / "wind.csv", log)
         lines = file.read_text().splitlines()

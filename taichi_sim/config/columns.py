@@ -5,7 +5,8 @@ Series (config/series.py), logs (fit/log.py) and Spotter's CSV (sea/measured/spo
     text        UTF-8, with a byte order mark or without; cells parted by commas, semicolons or tabs, as in the header;
                 where no comma parts cells, a number may have a decimal comma
     header      names, and units in brackets: speed (kn), time [min]; a unit that is not known is refused
-    times       numbers, or dates and times of ISO 8601; without an offset they are UTC, never the machine's time zone
+    times       numbers, or dates and times of ISO 8601; without an offset they are UTC, never the machine's time zone;
+                digits that read as dates (20240501) are refused, and so are offsets on some rows alone
     numbers     finite; a row that is cut short or too long is refused, and so is a value that only marks a missing one
 
 A row that lacks a value is refused by its line. Leave it out: readers interpolate between two rows.
@@ -37,8 +38,8 @@ MISSING = np.array(
 AWAY = 0.5  # a mark lies at least this share of itself away from the values around it
 LEAST = {"speed": 0.0, "length": 90.0}  # quantity -> size up to which a mark is a value; TURN for all others
 UNITS = {  # quantity -> unit -> factor to the unit in which it is wanted
-    "time": {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0, "hours": 3600.0, "utc": 1.0,
-             "gmt": 1.0, "z": 1.0, "unix": 1.0, "epoch": 1.0},
+    "time": {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0, "hours": 3600.0,
+             "d": 86400.0, "days": 86400.0, "utc": 1.0, "gmt": 1.0, "z": 1.0, "unix": 1.0, "epoch": 1.0},
     "speed": {"m/s": 1.0, "m s-1": 1.0, "ms-1": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "km/h": 1 / 3.6, "kn": KNOT,
               "kt": KNOT, "kts": KNOT, "knot": KNOT, "knots": KNOT, "mph": 0.44704, "ft/s": 0.3048},
     "degrees": {"deg": 1.0, "degree": 1.0, "degrees": 1.0, "°": 1.0, "degt": 1.0, "rad": 180 / math.pi},
@@ -48,6 +49,7 @@ UNITS = {  # quantity -> unit -> factor to the unit in which it is wanted
     "length": {"m": 1.0, "km": 1e3, "cm": 1e-2, "ft": 0.3048, "nm": 1852.0},
     "number": {"-": 1.0, "1": 1.0},
 }  # fmt: skip
+_DIGITS = re.compile(r"(19|20)\d\d(0[1-9]|1[0-2])(0[1-9]|[12]\d|3[01])(([01]\d|2[0-3])([0-5]\d){0,2})?")  # yyyymmddhhmm
 _UNIT = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])]")
 
 
@@ -85,7 +87,7 @@ class Sheet:
         for line, row in self.rows:
             if any(row[len(self.header) :]):
                 raise self.wrong(line, f"{len(row)} cells under {len(self.header)} names (numbers with decimal commas "
-                                 "are parted by semicolons)")  # fmt: skip
+                                 "are parted by semicolons; nothing stands above the names)")  # fmt: skip
 
     def wrong(self, line: int, told: str) -> ConfigError:
         """The refusal of a line of the file."""
@@ -138,15 +140,26 @@ class Sheet:
         Raises:
             ConfigError: for a cell that is no time, numbers among dates, times that do not rise, or other units than s.
         """
-        values, dates = np.empty(len(self.rows)), None
+        values, dates, zoned = np.empty(len(self.rows)), None, None
         factor = self._factor(place, "time")
+        if self.rows and not place.unit and all(_DIGITS.fullmatch(text) for _, text in self._cells(place)):
+            raise self.wrong(self.line(0), f"{place.title} = {self.rows[0][1][place.position]} reads as a date: dates "
+                             f"are 2024-05-01T12:00; seconds are told in the header: {place.title} [s]")  # fmt: skip
         for k, (line, text) in enumerate(self._cells(place)):
             number = self._number(text)
             dated = number is None
             if dates not in (None, dated):
                 raise self.wrong(line, f"{place.title} = {text!r}: numbers and dates are mixed in this column")
             dates = dated
-            values[k] = self._moment(line, place.title, text) if number is None else factor * number
+            if number is None:
+                moment = self._moment(line, place.title, text)
+                if zoned not in (None, moment.tzinfo is not None):
+                    raise self.wrong(line, f"{place.title} = {text!r}: some times of this column have an offset from "
+                                     "UTC, others have none: give all of them one")  # fmt: skip
+                zoned = moment.tzinfo is not None
+                values[k] = (moment if zoned else moment.replace(tzinfo=UTC)).timestamp()
+            else:
+                values[k] = factor * number
             if not math.isfinite(values[k]):
                 raise self.wrong(line, f"{place.title} = {text}: numbers must be finite: leave out such rows")
             if k and values[k] <= values[k - 1]:
@@ -171,12 +184,11 @@ class Sheet:
         except ValueError:
             return None
 
-    def _moment(self, line: int, name: str, text: str) -> float:
+    def _moment(self, line: int, name: str, text: str) -> datetime:
         try:
-            moment = datetime.fromisoformat(text)
+            return datetime.fromisoformat(text)
         except ValueError:
             raise self.wrong(line, f"{name} is not a number, nor a date such as 2024-05-01T12:00Z: {text!r}") from None
-        return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
     def _factor(self, place: Place, quantity: str) -> float:
         known = UNITS.get(quantity)
@@ -186,6 +198,12 @@ class Sheet:
             raise self.refusal(f"{self.path}: column {place.title}: this unit is not known here; known are "
                                f"{', '.join(known)}")  # fmt: skip
         return known[place.unit.lower()]
+
+
+def no_direction(degrees: Array) -> int | None:
+    """First of some directions (deg) that is none: beyond a turn, or below 0 where others are above 180."""
+    wrong = (np.abs(degrees) > TURN + 1e-6) | ((degrees < 0) & (degrees.max(initial=0.0) > 0.5 * TURN))
+    return int(wrong.argmax()) if wrong.any() else None
 
 
 def warn_if_cut(path: Path, text: str) -> None:
@@ -206,12 +224,13 @@ def missing_mark(values: Array, least: float = 0.0) -> int | None:
     """First of the values [n] that is a mark of a missing one (MISSING) and has nothing near it; None without any.
 
     A mark that the values before and after it approach within AWAY is a value: a boat may be 999 m from its start.
-    Marks up to `least` are values.
+    Marks up to `least` are values, but for a negative one among others that are not.
     """
     size = np.abs(values)
     marked = np.isclose(size[:, None], MISSING, rtol=1e-6, atol=0.0).any(axis=1)
     others = np.flatnonzero(~marked & ~np.isnan(values))
-    for k in np.flatnonzero(marked & (size > least)):
+    strange = size > least if (values[others] < 0).any() else (size > least) | (values < 0)
+    for k in np.flatnonzero(marked & strange):
         after = int(np.searchsorted(others, k))
         near = values[others[max(after - 1, 0) : after + 1]]
         if (np.abs(near - values[k]) > AWAY * size[k]).all():

@@ -5,10 +5,11 @@
     600, 0.55, 130                                  2020-06-08 03:10, -0.35, 0.42
 
 `time` is in s of the world's time. Dates and times, and seconds since 1970, begin at the first row, which is then the
-world's time 0; dates without an offset are UTC. Speeds are in m/s, or in the unit that the header states: speed [kn]. A
-direction is clockwise from north: where a current flows to, and where a wind blows from, as everywhere in a scenario.
-`north` and `east` are the velocity itself, for air too: where it goes to. Other columns are ignored. Between rows each
-component is linear in time; before the first row and after the last it is constant. Cells and units: columns.py.
+world's time 0; dates without an offset are UTC. Rows less than 1 s apart need the unit, time [s]: days look alike.
+Speeds are in m/s, or in the unit that the header states: speed [kn]. A direction is clockwise from north: where a
+current flows to, and where a wind blows from, as everywhere in a scenario. `north` and `east` are the velocity itself,
+for air too: where it goes to. Other columns are ignored. Between rows each component is linear in time; before the
+first row and after the last it is constant. Cells and units: columns.py.
 """
 
 import math
@@ -20,11 +21,12 @@ import torch
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
-from taichi_sim.config.columns import TURN, Sheet
+from taichi_sim.config.columns import Place, Sheet, no_direction
 from taichi_sim.kernels import runtime
 
 WAYS = (("speed", "direction_deg"), ("north", "east"))
-DAYS = (30_000.0, 800_000.0)  # between these lie days since 1900 or since the year 0, as spreadsheets and MATLAB count
+DAYS = 30_000.0  # from here on lie days since 1900, since the year 0 or of Julius, as spreadsheets and MATLAB count
+ALIKE = 0.5, 0.1  # m/s and share of the speed, within which two statements of one velocity agree
 FASTEST_WIND, FASTEST_CURRENT = 60.0, 10.0  # m/s; assumed, a series with a higher speed is refused
 
 
@@ -87,22 +89,38 @@ def _read(path: Path, stamp: int, blows_from: bool) -> tuple[np.ndarray, np.ndar
         raise ConfigError(f"{path}: there is no row under the header")
     at, one, other = (place for name in ("time", *way) if (place := sheet.find(name)))
     time, dates = sheet.times(at)
-    if not dates and len(time) > 1 and np.median(np.diff(time)) < 1.0 and DAYS[0] < time[0] < DAYS[1]:
-        raise sheet.wrong(sheet.line(0), f"{at.title} = {time[0]:g}: days of a spreadsheet? Give s, or ISO dates")
+    if not (dates or at.unit) and len(time) > 1:
+        step = float(np.median(np.diff(time)))
+        if step < 1.0 or (step == 1.0 and time[0] > DAYS):
+            raise sheet.wrong(sheet.line(0), f"{at.title} = {time[0]:g}: days of a spreadsheet? Rows are {step:g} s "
+                              f"apart. Give ISO dates, or the unit: {at.title} [s], [h] or [days]")  # fmt: skip
     time = time - time[0] if dates else time
-    if way != WAYS[0]:
-        velocity = np.stack([sheet.numbers(place, "speed") for place in (one, other)], axis=1)
-        return time, _possible(sheet, velocity, blows_from)
+    velocity = _by_components(sheet, one, other) if way == WAYS[1] else _by_angle(sheet, one, other, blows_from)
+    also = [place for name in WAYS[1] if (place := sheet.find(name))]
+    if way == WAYS[0] and len(also) == 2:
+        apart = np.hypot(*(velocity - _by_components(sheet, *also)).T)
+        if (apart > ALIKE[0] + ALIKE[1] * np.hypot(*velocity.T)).any():
+            k = int(apart.argmax())
+            raise sheet.wrong(sheet.line(k), f"north and east are {apart[k]:.3g} m/s from speed and direction_deg "
+                              "(where a wind blows from, a current flows to): leave one pair out")  # fmt: skip
+    return time, _possible(sheet, velocity, blows_from)
+
+
+def _by_components(sheet: Sheet, north: Place, east: Place) -> np.ndarray:
+    """Velocities [n, 2] of two columns."""
+    return np.stack([sheet.numbers(place, "speed") for place in (north, east)], axis=1)
+
+
+def _by_angle(sheet: Sheet, one: Place, other: Place, blows_from: bool) -> np.ndarray:
+    """Velocities [n, 2] of a speed and a direction."""
     speed, direction = sheet.numbers(one, "speed"), sheet.numbers(other, "degrees")
     if (speed < 0).any():
         raise sheet.wrong(sheet.line(int((speed < 0).argmax())), "speed must be 0 or more")
-    if (beyond := np.abs(direction) > TURN).any():
-        k = int(beyond.argmax())
-        raise sheet.wrong(sheet.line(k), f"{other.title} = {direction[k]:g}: directions are from -360 to 360; a mark "
-                          "of a missing value? Leave out such rows")  # fmt: skip
+    if (k := no_direction(direction)) is not None:
+        raise sheet.wrong(sheet.line(k), f"{other.title} = {direction[k]:g}: directions are from 0 to 360, or from "
+                          "-180 to 180; a mark of a missing value? Leave out such rows")  # fmt: skip
     angle = np.deg2rad(direction + (180.0 if blows_from else 0.0))
-    velocity = speed[:, None] * np.stack((np.cos(angle), np.sin(angle)), axis=1)
-    return time, _possible(sheet, velocity, blows_from)
+    return speed[:, None] * np.stack((np.cos(angle), np.sin(angle)), axis=1)
 
 
 def _possible(sheet: Sheet, velocity: np.ndarray, blows_from: bool) -> np.ndarray:

@@ -196,6 +196,61 @@ def test_swans_directions_and_units_are_those_that_it_states(tmp_path):
             open_spectra(swan(tmp_path / "what.nc", COMES_FROM, attributes))
 
 
+def model(path, toward, *, unit="m2 s rad-1", factor=1.0, about=None, f=FREQUENCY, f_unit="Hz", name="efth"):
+    """A file in the form of WAVEWATCH III, whose directions have the attributes `about`."""
+    coords = {"time": TIMES, "frequency": ("frequency", f, {"units": f_unit} if f_unit else {}),
+              "direction": ("direction", toward, about or {})}  # fmt: skip
+    data = {name: (("time", "frequency", "direction"), factor * energy(), {"units": unit} if unit else {})}
+    xarray.Dataset(data, coords).to_netcdf(path)
+    return path
+
+
+GOES_TO = COMES_FROM - 180.0
+
+
+@pytest.mark.parametrize(
+    ("toward", "about"),
+    [
+        (COMES_FROM, {"long_name": "direction from which waves come, clockwise from true north"}),
+        (COMES_FROM, {"comment": "Nautical convention"}),
+        (GOES_TO, {"long_name": "direction waves are travelling to, clockwise from north"}),
+        (GOES_TO, {"long_name": "wave propagation direction"}),
+        (GOES_TO, {}),
+    ],
+)
+def test_a_convention_in_any_attribute_of_directions_is_used(tmp_path, toward, about):
+    as_expected(open_spectra(model(tmp_path / "sea.nc", toward, about=about)))
+
+
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [
+        ({"about": {"long_name": "to, counter-clockwise from east"}}, "counter-clockwise"),
+        ({"about": {"long_name": "coming from", "comment": "oceanographic"}}, "both from and to"),
+        ({"unit": "m2 s"}, "per degree or per radian is not said"),
+        ({"unit": "cm2 s rad-1"}, "is in cm2"),
+        ({"unit": "mm2 s rad-1"}, "is in mm2"),
+        ({"f": 2 * np.pi * FREQUENCY, "f_unit": ""}, "steeper than a wave can be"),  # rad/s, unsaid
+        ({"factor": 180 / np.pi, "unit": ""}, "steeper than"),  # per turn or so
+        ({"name": "d2fd", "unit": "", "f": np.arange(1, 29), "f_unit": ""}, "no logarithms"),
+    ],
+)
+def test_what_would_be_another_sea_is_refused(tmp_path, change, part):
+    with pytest.raises(ConfigError, match=part):
+        open_spectra(model(tmp_path / "sea.nc", GOES_TO, **change)).record(0)
+
+
+def test_densities_alone_have_units_and_any_order_too(tmp_path):
+    """In J/m^2/Hz, the highest frequency first."""
+    density = energy().sum(axis=2)[:, ::-1] * np.deg2rad(10.0) * 1025 * 9.81
+    coords = {"time": TIMES, "frequency": ("frequency", FREQUENCY[::-1], {"units": "Hz"})}
+    xarray.Dataset({"efth": (("time", "frequency"), density, {"units": "J/m2/Hz"})}, coords).to_netcdf(
+        tmp_path / "e.nc"
+    )
+    record = open_spectra(tmp_path / "e.nc").record(0, 120.0, 5.0)
+    assert record.hs == pytest.approx(HS, rel=0.03) and record.tp == pytest.approx(TP, rel=0.06)
+
+
 def test_no_spectrum_is_no_calm(tmp_path):
     """ERA5 masks ice and land whole, and tiny values one by one; a part of its frequencies keeps their numbers."""
     numbers, toward = np.arange(3, 27), np.arange(7.5, 360, 15)

@@ -153,7 +153,8 @@ def test_what_a_file_states_of_its_times_and_units_is_used(tmp_path, monkeypatch
     [
         ("600,1,999", "direction_deg = 999 marks a missing value: leave out"),
         ("600,1,-9999", "direction_deg = -9999 marks"),
-        ("600,1,-361", "directions are from -360 to 360"),
+        ("600,1,-361", "directions are from 0 to 360, or from -180"),
+        ("600,1,-99", "direction_deg = -99 marks"),
         ("600,99,90", "speed = 99 marks"),
         ("600,9.96921e36,90", "allowed are 0 to 60"),
         ("600,,90", "speed is not a number: ''"),
@@ -170,9 +171,45 @@ def test_what_marks_a_missing_value_is_none(tmp_path, row, part):
     assert "series.csv, line 3" in str(caught.value)
 
 
-def test_days_of_a_spreadsheet_are_no_seconds(tmp_path):
-    with pytest.raises(ConfigError, match="line 2: time = 45413: days of a spreadsheet"):
-        read_series(file(tmp_path, "time,north,east\n45413,1,0\n45413.0417,1,0\n"))
+@pytest.mark.parametrize(
+    ("times", "told"),
+    [
+        (("45413", "45413.0417"), "line 2: time = 45413: days of a spreadsheet"),
+        (("2460432", "2460433"), "days of a spreadsheet"),
+        (("122.0", "122.5"), "days of a spreadsheet"),
+        (("20240501", "20240502"), "line 2: time = 20240501 reads as a date"),
+        (("2024050112", "2024050113"), "reads as a date"),
+        (("2024-05-01 12:00+02:00", "2024-05-01 13:00"), "line 3: .* others have none"),
+    ],
+)
+def test_days_and_dates_are_no_seconds(tmp_path, times, told):
+    text = "time,north,east\n" + "".join(f"{time},1,0\n" for time in times)
+    with pytest.raises(ConfigError, match=told):
+        read_series(file(tmp_path, text))
+
+
+def test_days_and_seconds_are_read_by_their_unit(tmp_path):
+    for unit, factor in (("days", 86400.0), ("s", 1.0)):
+        text = f"time [{unit}],north,east\n0,1,0\n0.5,1,0\n"
+        assert read_series(file(tmp_path, text, f"{unit}.csv"))[0].tolist() == [0.0, 0.5 * factor]
+
+
+def test_two_statements_of_one_velocity_must_agree(tmp_path):
+    """A wind of 5 m/s from the east goes west, at north 0 and east -5."""
+    text = "time,speed,direction_deg,north,east\n0,5,90,0,{}\n"
+    assert np.allclose(read_series(file(tmp_path, text.format(-5)), blows_from=True)[1], [[0, -5]])
+    with pytest.raises(ConfigError, match="line 2: north and east are 10 m/s from speed and direction_deg"):
+        read_series(file(tmp_path, text.format(5), "other.csv"), blows_from=True)
+
+
+def test_directions_are_counted_in_one_way(tmp_path):
+    """-10 among directions above 180 is a mark, or of another convention; alone it is 350."""
+    text = "time,speed,direction_deg\n0,6,{}\n600,6,-10\n1200,6,20\n"
+    assert read_series(file(tmp_path, text.format(-20)))[1][1] == pytest.approx(
+        6 * np.array([0.9848, -0.1736]), abs=1e-3
+    )
+    with pytest.raises(ConfigError, match="line 3: direction_deg = -10: directions are"):
+        read_series(file(tmp_path, text.format(340), "other.csv"))
 
 
 def test_a_mark_that_its_neighbours_approach_is_a_value():

@@ -28,7 +28,7 @@ from taichi_sim.applications.fit.log_table import (
     Table,
 )
 from taichi_sim.applications.fit.sample_selection import Mask, inspected
-from taichi_sim.config.columns import LATEST, TURN, Sheet
+from taichi_sim.config.columns import LATEST, Sheet, no_direction
 from taichi_sim.config.series import FASTEST_WIND
 from taichi_sim.vehicle import Vehicle
 
@@ -158,8 +158,9 @@ def _checked(file: Path, table: Table, action_names: Sequence[str]) -> Log:
         if (speed < 0).any() or (speed > FASTEST_WIND).any():
             raise LogError(f"{file}: wind_speed goes from {speed.min():g} to {speed.max():g}: allowed are 0 to "
                            f"{FASTEST_WIND:g} m/s")  # fmt: skip
-        if (worst := np.degrees(np.abs(origin).max())) > TURN + 1e-6:
-            raise LogError(f"{file}: wind_from goes to {worst:g} degrees: allowed are -360 to 360")
+        if (k := no_direction(np.degrees(origin))) is not None:
+            raise LogError(f"{file}: {table.place(k)}: wind_from is {np.degrees(origin[k]):g} degrees: directions are "
+                           "from 0 to 360, or from -180 to 180; a mark of a missing value?")  # fmt: skip
         wind = -speed[:, None] * np.stack((np.cos(origin), np.sin(origin)), axis=1)
     return Log(file.name, t, motion, actions, parts, _digest(file), new, notes, wind)
 

@@ -9,6 +9,8 @@
 | spectral_wave_density | NDBC | alpha1, alpha2 from, r1, r2 | m^2/Hz |
 | waveEnergyDensity | CDIP | a1, b1, a2, b2 from, clockwise from north | m^2/Hz; bands by waveBandwidth |
 
+Words of an attribute (standard_name, long_name, comment ...) on where directions count from or to go before the table.
+
 A cell that ERA5 leaves out has no energy (it masks tiny values); a record without any cell is no spectrum: land, ice or
 a gap. In all other files a missing cell makes its band missing.
 """
@@ -20,11 +22,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichi_sim.config import ConfigError
-from taichi_sim.surroundings.sea.measured.spectra import FEWEST_ANGLES, Gridded, agreed, of_energy
+from taichi_sim.surroundings.sea.measured.spectra import FEWEST_ANGLES, Gridded, agreed, of_density, of_energy
 
 if TYPE_CHECKING:
     from xarray import DataArray, Dataset
 
+ECMWF_ANGLES = (24, 36)  # directions of ECMWF's spectra since ERA-Interim
+_ZERO = r"(?! (?:the )?(?:true |magnetic )?(?:north|east|x))"  # from north is where an angle begins
+FROM = re.compile(rf"from.direction|(?:com\w+|travel\w*|propagat\w+|direction) from{_ZERO}|from which|\bfrom\)|"
+                  "nautical|meteorologic")  # fmt: skip
+TO = re.compile(r"to.direction|(?:go\w*|travel\w*|propagat\w+|head\w*|direct\w+) to\b|towards?\b|to which|\bto\)|"
+                "propagation|oceanographic")  # fmt: skip
+OTHER_ANGLES = re.compile("counter|anti-?clock|mathematic|cartesian|trigonometric|from east|from the east")
+AREA = re.compile(r"(m|met(?:er|re)s?)\W{0,3}2|m²|j")  # how units of densities begin
 MISSING = 998.0  # deg; from here on a direction is missing (NDBC writes 999)
 FIRST, RATIO = 0.03453, 1.1  # Hz; frequencies of ECMWF's spectra
 FAINTEST = 30.0  # of ECMWF's logarithms; larger ones of either sign are marks of missing values
@@ -62,6 +72,8 @@ def _of_a_model(path: Path, data: "Dataset", variable: str) -> Gridded:
     if frequency is None:
         raise ConfigError(f"{variable} has no dimension of frequency; it has {', '.join(map(str, energy.dims))}")
     unit = str(energy.attrs.get("units", "")).lower()
+    if variable != "d2fd" and unit and not AREA.match(unit):
+        raise ConfigError(f"{variable} is in {unit}: known are m2 s rad-1, m2 s degree-1, J m-2 s rad-1")
     f, angular = _frequencies(data, frequency, variable)
     for name in (time or "time", direction or "direction"):
         energy = energy if name in energy.dims else energy.expand_dims(name)
@@ -70,13 +82,15 @@ def _of_a_model(path: Path, data: "Dataset", variable: str) -> Gridded:
     energy = energy.stack(place=where, create_index=False) if where else energy.expand_dims("place")
     places = _places(data, energy) if where else [path.stem]
     values = np.asarray(energy.transpose(time, "place", frequency, direction), dtype=float)
-    if values.shape[3] == 1:  # no directions at all
-        turn = 2 * np.pi if angular and ("rad" in unit or not unit) else 1.0
-        return Gridded(_times(data, time), places, f, values[..., 0] * turn)
+    if values.shape[3] == 1 and variable != "d2fd":  # no directions at all
+        values *= _energy(unit) * (2 * np.pi if angular and ("rad" in unit or not unit) else 1.0)
+        return of_density(_times(data, time), places, f, values[..., 0])
     if values.shape[3] < FEWEST_ANGLES:
         raise ConfigError(f"{values.shape[3]} directions: no directional spectrum")
     if variable == "d2fd":
         values[np.abs(values) > FAINTEST] = np.nan
+        if not (values < 0).any() and not np.isnan(values).all():
+            raise ConfigError("d2fd has no value below 0: no logarithms, as ECMWF's are; write the files as they come")
         values = np.where(
             np.isnan(values).all(axis=(2, 3), keepdims=True), np.nan, np.nan_to_num(10.0**values, nan=0.0)
         )
@@ -123,6 +137,10 @@ def _toward(data: "Dataset", name: str, variable: str) -> np.ndarray:
     """Directions of travel, deg clockwise from north."""
     if variable == "d2fd":
         numbers = _numbers(data, name)
+        if numbers.size not in ECMWF_ANGLES:
+            raise ConfigError(
+                f"{name} has {numbers.size} values: ECMWF's spectra have 24 or 36 (part of them, or ERA-40?)"
+            )
         return (numbers - 0.5) * 360.0 / max(numbers.size, numbers.max())
     if name not in data.coords:
         raise ConfigError(f"{name} has no values")
@@ -134,8 +152,12 @@ def _toward(data: "Dataset", name: str, variable: str) -> np.ndarray:
     values = np.rad2deg(values) if unit.startswith("rad") else values
     if not (np.abs(values) <= 720).all():
         raise ConfigError(f"{name} goes to {np.abs(values).max():g} degrees: is it in {unit}?")
-    stated = attributes.get("standard_name", "")
-    goes, comes = "to_direction" in stated, "from_direction" in stated
+    stated = [value for key, value in attributes.items() if key != "units"]
+    comes, goes = (any(words.search(value) for value in stated) for words in (FROM, TO))
+    if variable != "density" and (other := next((v for v in stated if OTHER_ANGLES.search(v)), "")):
+        raise ConfigError(f"{name} is {other!r}: wanted are degrees clockwise from north, or SWAN's density")
+    if comes and goes:
+        raise ConfigError(f"{name} is said to count both from and to: {'; '.join(stated)}: mend its attributes")
     if variable == "density":
         if goes == comes:
             raise ConfigError(f"{name} does not state where it counts from: give it the standard_name "
@@ -152,13 +174,19 @@ def _scale(variable: str, unit: str, direction: str, angular: bool) -> float:
 
     "m2 s rad-1" is per Hz and per rad, also where frequencies are in rad/s (`angular`); "m2 s rad-2" is per rad/s.
     """
-    if unit and variable != "d2fd" and not unit.startswith(("m", "j")):
-        raise ConfigError(f"{variable} is in {unit}: known are m2 s rad-1, m2 s degree-1, J m-2 s rad-1")
+    if unit and variable != "d2fd" and "deg" not in unit and "rad" not in unit:
+        raise ConfigError(
+            f"{variable} is in {unit}, per degree or per radian is not said: m2 s degree-1, or m2 s rad-1?"
+        )
     per_degree = "deg" in unit if "deg" in unit or "rad" in unit else direction == "dir"
     radians = unit.count("rad") + len(re.findall(r"rad(?:ian)?s?\W*-2", unit))
     per_angular = angular and (not unit or radians + per_degree > 1)
-    energy = 1 / (SEAWATER * GRAVITY) if unit.startswith("j") else 1.0
-    return energy * (np.rad2deg(1.0) if per_degree else 1.0) * (2 * np.pi if per_angular else 1.0)
+    return _energy(unit) * (np.rad2deg(1.0) if per_degree else 1.0) * (2 * np.pi if per_angular else 1.0)
+
+
+def _energy(unit: str) -> float:
+    """Factor of densities in J/m^2 to those in m^2."""
+    return 1 / (SEAWATER * GRAVITY) if unit.startswith("j") else 1.0
 
 
 def _of_ndbc(path: Path, data: "Dataset") -> Gridded:

@@ -27,6 +27,7 @@ from taichi_sim.surroundings.sea.spectrum import spreading
 
 ALL = "all"
 NETCDF = (".nc", ".nc4", ".cdf", ".netcdf")
+BREAKING = 0.142  # height over length of the highest deep-water wave (Michell 1893)
 BEGIN = 4000  # characters of a text, by which its format is known
 NAMED = 6  # most places of a file that an error names
 
@@ -101,7 +102,8 @@ class SpectraFile:
         A band without directions takes those of the nearest band that has some.
 
         Raises:
-            ConfigError: for a record with a missing density, or without directions where none are given.
+            ConfigError: for a record with a missing density, without directions where none are given, or steeper than
+                any wave.
         """
         name, density = f"{self.place}, {_text(self.times[t])}", self.density[t]
         if not np.isfinite(density).any():
@@ -114,7 +116,14 @@ class SpectraFile:
         spread = self._spread(t)
         if spread is None:
             spread = self._assumed(name, density, direction_deg, spreading_s)
-        return WaveRecord(name, self.edges, np.maximum(density, 0.0), spread)
+        record = WaveRecord(name, self.edges, np.maximum(density, 0.0), spread)
+        if not record.calm and record.steepness > BREAKING:
+            raise ConfigError(
+                f"{self.path}: the record of {_text(self.times[t])} has a significant height of {record.hs:.4g} m at a "
+                f"mean period of {record.tm02:.3g} s, steeper than a wave can be: its frequencies or densities have "
+                "other units than it says (periods, rad/s, per degree, cm^2, logarithms), or marks of missing values"
+            )
+        return record
 
     def _spread(self, t: int) -> np.ndarray | None:
         """Directional distribution of each band of a record, [f, ANGLES]; None if no band has directions."""

@@ -41,6 +41,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.surroundings.sea.spectrum import CALM_PERIOD, Components
 
 ROOM = 0.95  # largest fraction of the limits of the moments; above it, peaks are narrower than a buoy can resolve
@@ -134,6 +135,11 @@ class WaveRecord:
     def hs(self) -> float:
         """Significant height 4 sqrt(m0), m."""
         return 4 * self.moment(0) ** 0.5
+
+    @property
+    def steepness(self) -> float:
+        """Significant steepness hs / (g Tm02^2 / 2 pi), in deep water."""
+        return TWO_PI * self.hs / (GRAVITY * self.tm02**2)
 
     @property
     def peak(self) -> int:

@@ -50,6 +50,12 @@ class Gridded(NamedTuple):
     bands: np.ndarray | None = None
 
 
+def of_density(times: np.ndarray, places: list[str], frequency: np.ndarray, density: np.ndarray) -> Gridded:
+    """Spectra of densities [t, p, f] (m^2/Hz) without directions, in the order of their frequencies."""
+    rising = np.argsort(frequency, kind="stable")
+    return Gridded(times, places, frequency[rising], density[..., rising])
+
+
 def of_energy(
     times: np.ndarray,
     places: list[str],
@@ -74,7 +80,9 @@ def of_energy(
     angles, energy = np.deg2rad(angles[order]), energy[..., order]
     around = np.diff(np.append(angles, angles[0] + 2 * np.pi))
     if not np.allclose(around, 2 * np.pi / angles.size, rtol=EVEN, atol=0):
-        raise ConfigError("directions are not evenly spaced over the circle")
+        least, most = np.rad2deg([around.min(), around.max()])
+        raise ConfigError(f"directions are not evenly spaced over the circle, each once: they are {least:.4g} to "
+                          f"{most:.4g} degrees apart")  # fmt: skip
     with np.errstate(invalid="ignore"):
         most = np.nanmax(np.where(np.isfinite(energy), energy, 0.0), axis=(2, 3), keepdims=True, initial=0.0)
         energy = np.where(energy < -most, np.nan, np.where(energy < 0, 0.0, energy))  # marks; lobes of Fourier series
