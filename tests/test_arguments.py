@@ -37,6 +37,7 @@ def test_environments_are_a_mask_of_bool_or_whole_numbers(given, meant):
         (torch.tensor([1, 0, 0, 1], dtype=torch.uint8), r"not torch.uint8: .*mask\.bool\(\)"),
         (torch.tensor([1.0, 0.0, 0.0, 1.0]), r"not torch.float32: .*mask\.bool\(\)"),
         (np.array([1, 0, 0, 0]), r"zeros and ones .*mask\.astype\(bool\)"),
+        (np.ma.masked_array([1, 2], [True, False]), "numbers of environments or a bool mask"),
         ([1, 0, 0, 1], r"environment [01] twice \(if a mask is meant"),
         (torch.zeros(4, dtype=torch.int64), "zeros and ones"),
         ([1.7], "not torch.float32"),
@@ -88,6 +89,9 @@ def test_actions_of_any_type_and_size_are_clipped(given):
         (np.zeros((1, 2, 2), bool), "torch.bool: real numbers"),
         (np.zeros((1, 2, 2), complex), "real numbers"),
         ([[[0, 0], [0, np.inf]]], "'yaw' of vehicle 1 in environment 0 is inf"),
+        (np.ma.masked_array(np.zeros((1, 2, 2)), [[[0, 1], [0, 0]]]), "some entries are masked: fill them"),
+        (torch.zeros(1, 2, 2).to_sparse(), "a dense tensor"),
+        (torch.zeros(1, 2, 2).to(torch.float8_e4m3fn), "a dense tensor of 16 bits or more"),
         ([[[np.nan, 0], [0, 0]]], "'surge' of vehicle 0 in environment 0 is nan"),
     ],
 )

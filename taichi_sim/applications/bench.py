@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from taichi_sim.config import AirConfig, SeaConfig, WorldConfig
-from taichi_sim.config.arguments import whole_number
+from taichi_sim.config.arguments import ActionError, numbers, whole_number
 from taichi_sim.config.base import span
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
@@ -202,8 +202,14 @@ class Bench:
 
     @runtime.own_settings()
     def step(self, action: ArrayLike | Tensor, times: int = 1) -> "Bench":
-        """Step `times` control steps with the action held: [action], or what broadcasts to [env, vehicle, action]."""
-        given = torch.as_tensor(action, dtype=self.state.dtype, device=self.state.device)
+        """Step `times` control steps with the action held: [action], or what broadcasts to [env, vehicle, action].
+
+        Raises:
+            ActionError: for an action that is not finite or no numbers; nothing has moved.
+        """
+        given = numbers(action, "the action's entries").to(self.state)
+        if not given.isfinite().all():
+            raise ActionError("an entry of the action is not finite")
         self.fleet.action.copy_(given.expand_as(self.fleet.action))
         interval = self.fleet.dt * self.model.substeps
         for _ in range(times):

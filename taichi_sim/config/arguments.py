@@ -41,6 +41,16 @@ def whole_number(given: object, name: str, least: int = 0) -> int:
     raise ValueError(f"{name} = {given!r} must be a whole number, at least {least}")
 
 
+def _tensor(given: object) -> Tensor:
+    """A dense tensor of numbers; what torch would drop, as NumPy's masks, or cannot calculate with is a ValueError."""
+    if np.ma.is_masked(given):
+        raise ValueError("some entries are masked: fill them (array.filled)")
+    values = torch.as_tensor(given, device=runtime.current().device).detach()
+    if values.layout != torch.strided or (values.is_floating_point() and values.itemsize < 2):
+        raise ValueError(f"{values.dtype}, {values.layout}: a dense tensor of 16 bits or more is expected")
+    return values
+
+
 def numbers(given: object, what: str) -> Tensor:
     """A tensor of `given`, a tensor, an array or nested sequences of numbers, without its gradient.
 
@@ -48,7 +58,7 @@ def numbers(given: object, what: str) -> Tensor:
         ActionError: if these are no real numbers, or not of one shape; `what` names them.
     """
     try:
-        values = torch.as_tensor(given, device=runtime.current().device).detach()
+        values = _tensor(given)
     except (TypeError, ValueError, RuntimeError) as error:
         told = str(error).splitlines()[0]
         raise ActionError(f"{what} cannot be read as one tensor of numbers: {told}") from None
@@ -106,7 +116,7 @@ def environments(
         ValueError: for other types, a mask of another length, environments that do not exist or are named twice.
     """
     try:
-        values = torch.as_tensor(given, device=runtime.current().device).detach()
+        values = _tensor(given)
     except (TypeError, ValueError, RuntimeError):
         raise ValueError(f"{name} = {given!r}: numbers of {one}s or a bool mask [{num_envs}] expected") from None
     if values.dtype == torch.bool:
