@@ -156,6 +156,11 @@ def _mirrored(rows):
     _enu(rows)
 
 
+def _exchanged(rows):
+    for row in rows:
+        row["acceleration"], row["yaw"] = row["yaw"], row["acceleration"]
+
+
 def _kilometres(rows):
     for row in rows:
         row["north"], row["east"] = 1e-3 * float(row["north"]), 1e-3 * float(row["east"])
@@ -163,6 +168,9 @@ def _kilometres(rows):
 
 @pytest.mark.parametrize(("change", "told"), [
     (_mirrored, "log.csv: the vessel turns against its commands: the log is mirrored .ENU"),
+    (_each("acceleration", lambda r: -float(r["acceleration"])), "as if acceleration had the other sign"),
+    (_exchanged, "as if acceleration and yaw were exchanged"),
+    (_each("heading", lambda r: float(r["heading"]) + np.pi), "as if its heading were counted from the stern"),
     (_kilometres, r"goes 0.00\d+ m in a window where its commands drive it .* are north and east in m"),
 ])  # fmt: skip
 def test_logs_that_agree_with_themselves_alone_are_told(change, told, logs, tmp_path):

@@ -117,6 +117,36 @@ def test_the_primary_lane_is_read_where_it_has_a_position(log, model, tmp_path):
         read_log(file, model, Source(channels="helm=1,ahead=3"))
 
 
+def test_a_trim_that_was_changed_on_the_way_is_told(log, model, tmp_path):
+    file = _dataflash(tmp_path / "log.bin", log)
+    file.write_bytes(file.read_bytes() + _record("PARM", 9_000_000, "SERVO1_TRIM", 1500, 1500))
+    read_log(file, model)
+    file.write_bytes(file.read_bytes() + _record("PARM", 9_100_000, "SERVO1_TRIM", 1480, 1500))
+    with pytest.raises(LogError, match=r"SERVO1_TRIM was changed in this log \(1500, 1480\)"):
+        read_log(file, model)
+
+
+@pytest.mark.parametrize(
+    ("name", "way"),
+    [("a.bag", "rosbags-convert"), ("a.ulg", "ulog2csv"), ("a.LOG", "take the .bin"), ("a.mat", "a CSV")],
+)
+def test_a_log_of_another_kind_is_told_by_its_name(name, way, model, tmp_path):
+    (tmp_path / name).write_bytes(b"\x00\xff")
+    with pytest.raises(LogError, match=way):
+        read_log(tmp_path / name, model)
+
+
+def test_of_a_steady_course_the_right_cause_is_told(log, model, tmp_path):
+    """A boat that goes south in bends, whose heading is counted from east: no degrees."""
+    straight = log._replace(motion=log.motion.copy())
+    psi = np.radians(200.0) + 0.7 * np.sin(0.5 * log.t)
+    straight.motion[:, 2], straight.motion[:, 3] = 0.5 * np.pi - psi, -0.35 * np.cos(0.5 * log.t)
+    for column, way in ((0, np.cos(psi)), (1, np.sin(psi))):
+        straight.motion[:, column] = np.cumsum(way) * 0.1 * 1.5
+    with pytest.raises(LogError, match="the course turns against the heading"):
+        read_log(table(tmp_path / "enu.csv", straight), model)
+
+
 def table(file, log, *, separator=",", change=None, times=None, names=None):
     """A CSV of the log; `change` turns a row's dictionary of texts into another."""
     header = names or ["t", "north", "east", "heading", "yaw_rate", "acceleration", "yaw"]

@@ -13,7 +13,7 @@
 
 All is resampled to INTERVAL: positions and headings by interpolation, rates and commands by means. A gap in XKF1,
 IMU or RCOU is a gap of the log. Lanes differ in their positions: where the primary one changes, a new part begins.
-Bytes that are no messages are left out, and a warning names them.
+Widths that were changed in a log are refused. Bytes that are no messages are left out, and a warning names them.
 """
 
 import contextlib
@@ -86,6 +86,7 @@ def read_dataflash(file: Path, model: Vehicle, source: Source) -> Table:
         raise LogError(f"{file}: XKF1, IMU and RCOU have no time in common")
     north, east, yaw = place.T
     channels = _channels(file, model, source.channels, parameters)
+    _check_constant(file, found["PARM"], [f"SERVO{abs(n)}_{key}" for n in channels.values() for key in WIDTHS])
     columns = {
         "t": t,
         "north": np.interp(t, t_place, north),
@@ -98,6 +99,16 @@ def read_dataflash(file: Path, model: Vehicle, source: Source) -> Table:
         },
     }
     return Table(columns, lambda k: f"at {t[k]:.1f} s", np.array([after - CLOCK for _, after in changes]))
+
+
+def _check_constant(file: Path, told: list[Any], names: list[str]) -> None:
+    """LogError if a parameter that widths are converted by was changed in a log: it holds for all of it."""
+    for name in names:
+        values = list(dict.fromkeys(float(m.Value) for m in told if m.Name == name))
+        if len(values) > 1:
+            raise LogError(
+                f"{file}: {name} was changed in this log ({', '.join(f'{v:g}' for v in values)}): part it there"
+            )
 
 
 def _primary(

@@ -35,6 +35,12 @@ from taichi_sim.vehicle import Vehicle
 JITTER = 0.5  # of the usual interval, within which an interval is no gap
 FASTEST, SLOWEST = 1e-3, 2.0  # s, intervals between samples
 SMALL, LARGE = 1 / 40, 40.0  # ratios of two rates that should agree, beyond which one of them is in degrees
+OTHER_KINDS = {  # endings of logs that are not read -> the way out
+    ".bag": "convert this bag of ROS 1 by rosbags-convert",
+    ".ulg": "convert this log of PX4 to CSV by ulog2csv",
+    ".log": "take the .bin of this log, or write a CSV",
+    ".tlog": "take the .bin that the vehicle logged",
+} | dict.fromkeys((".xlsx", ".xls", ".mat", ".npz", ".npy", ".parquet", ".h5", ".hdf5", ".json"), "write a CSV")
 COURSE_OVER = 2.0  # s, time over which a course is computed
 MOVES = 0.3  # m/s, least speed for comparing a course with a heading
 FAR = 2e7  # half the way round the Earth in m; nothing in a log is larger
@@ -107,6 +113,8 @@ def read_log(file: Path, model: Vehicle, source: Source | None = None) -> Log:
     source = source or Source()
     if not file.exists():
         raise LogError(f"{file}: No such file or folder")
+    if way := OTHER_KINDS.get(file.suffix.lower()):
+        raise LogError(f"{file}: logs are CSV, .bin of ArduPilot, and bags of ROS 2 (.mcap, folders): {way}")
     if unknown := set(source.columns) - known_columns(model):
         raise LogError(f"--columns: {min(unknown)} is no column of a log of this vehicle; it has "
                        f"{', '.join(sorted(known_columns(model)))}")  # fmt: skip
@@ -222,17 +230,18 @@ def _check_angles(file: Path, t: Array, motion: Array, parts: tuple[slice, ...])
     if frozen and abs(right) < STEADY:
         raise LogError(f"{file}: heading is {np.degrees(psi[0]) % 360:g} degrees all the time, whatever the course "
                        f"over ground: {NO_HEADING}")  # fmt: skip
-    if abs(in_degrees) > max(CLEAR, abs(right) + CLEARER):
-        raise LogError(
-            f"{file}: heading looks like degrees, by the course over ground: name the column heading_deg (and yaw_rate "
-            "yaw_rate_deg, if it is in degrees per second)"
-        )
-    if abs(in_radians) > max(CLEAR, abs(right) + CLEARER):
-        raise LogError(f"{file}: heading_deg looks like radians, by the course over ground: name the column heading "
-                       "(and yaw_rate_deg yaw_rate, if it is in radians per second)")  # fmt: skip
-    if abs(enu) > max(CLEAR, abs(right) + CLEARER):
-        raise LogError(f"{file}: the course turns against the heading: north and east are exchanged, or the heading is "
-                       "counted from east (ENU); wanted is clockwise from north")  # fmt: skip
+    course = "by the course over ground: name the column"
+    others = {
+        f"heading looks like degrees, {course} heading_deg (and yaw_rate yaw_rate_deg, if it is in degrees per second)":
+            abs(in_degrees),
+        f"heading_deg looks like radians, {course} heading (and yaw_rate_deg yaw_rate, if it is in rad/s)":
+            abs(in_radians),
+        "the course turns against the heading: north and east are exchanged, or the heading is counted from east "
+        "(ENU); wanted is clockwise from north": abs(enu),
+    }  # fmt: skip
+    likely = max(others, key=lambda told: others[told])  # of a steady course, more than one is clear
+    if others[likely] > max(CLEAR, abs(right) + CLEARER):
+        raise LogError(f"{file}: {likely}")
     aside = float(np.angle(right))
     if abs(right) > CLEAR and ASIDE[0] < abs(aside) < ASIDE[1]:
         side = "starboard" if aside > 0 else "port"

@@ -1,6 +1,7 @@
 """Windows of logs, and their simulation side by side under candidate numbers, currents and initial states."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,8 @@ WANTED = {"position": 3, "heading": 2, "yaw rate": 2}  # least number of new sam
 MIRRORED = 0.5  # rms deviation from the simulation of a log, mirrored, over that as it is, below which it is mirrored
 TURNS = 0.02  # rad/s, least rms deviation of yaw rates for such a comparison
 MOVES = 0.3  # m, least way for such a comparison
+UNLIKE = 0.1  # rms deviation, over the motion itself, from which another meaning of the commands is looked for
+CLOSER = 0.75  # ratio of rms deviations below which it is the right one
 FARTHER = 30.0  # ratio of measured and simulated ways, or yaw rates, beyond which they are in other units
 
 
@@ -76,7 +79,8 @@ def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
             raise LogError(
                 f"{names}: no window of {seconds:g} s has enough new samples ({few}): give a longer --window"
             )
-        raise LogError(f"{names}: no log has {seconds:g} s without a gap: give a shorter --window")
+        why = "".join(f"; {log.name}: {note}" for log in logs for note in log.notes[:1])
+        raise LogError(f"{names}: no log has {seconds:g} s without a gap{why}: give a shorter --window")
     return found
 
 
@@ -196,13 +200,16 @@ def check_against(simulator: WindowSimulator, logs: Sequence[Log], windows: Sequ
     A frame that is mirrored as a whole, or positions in other units, agree with themselves: only the commands tell.
 
     Raises:
-        LogError: for a log whose vessel turns against its commands, or turns or goes far from as much as they drive it.
+        LogError: for a log whose vessel turns or goes against its commands, or as if they were exchanged, or far from
+            as much as they drive it.
     """
     n, lead = len(windows), lead_steps(simulator.interval)
     across = np.array([1.0, 1.0, 1.0, 1.0, -1.0, -1.0]) * state[:, [1, 0, 2, 3, 4, 5]]
     across[:, HEADING] = 0.5 * np.pi - state[:, HEADING]
-    begin = np.concatenate((state, across))
-    found = simulator.run([*windows, *windows], np.zeros((2 * n, len(simulator.keys))), np.zeros((2 * n, 2)), begin)
+    meanings = list(_other_meanings(windows, state, simulator.model.action_names))
+    begin = np.concatenate((state, across, *(start for _, _, start in meanings)))
+    together = [*windows, *windows, *(w for _, meant, _ in meanings for w in meant)]
+    found = simulator.run(together, np.zeros((len(together), len(simulator.keys))), np.zeros((len(together), 2)), begin)
     for number, log in enumerate(logs):
         mine = [k for k, w in enumerate(windows) if w.log == number]
         if not mine:
@@ -225,6 +232,32 @@ def check_against(simulator: WindowSimulator, logs: Sequence[Log], windows: Sequ
         if expected > len(mine) * MOVES and not 1 / FARTHER < way / expected < FARTHER:
             raise LogError(f"{log.name}: the vessel goes {way / len(mine):.2g} m in a window where its commands drive "
                            f"it {expected / len(mine):.2g} m: are north and east in m?")  # fmt: skip
+        scale = [max(float(np.ptp(measured[..., c], axis=0).mean()), least)
+                 for c, least in ((NORTH, MOVES), (EAST, MOVES), (YAW_RATE, TURNS))]  # fmt: skip
+        away, *meant = (
+            float(np.sqrt(np.mean(((found[:, first:][:, mine] - measured)[..., [NORTH, EAST, YAW_RATE]] / scale) ** 2)))
+            for first in (0, *range(2 * n, len(together), n))
+        )
+        best = int(np.argmin(meant))
+        if away > UNLIKE and meant[best] < CLOSER * away:
+            raise LogError(f"{log.name}: the vessel moves as if {meanings[best][0]}: it is "
+                           f"{away / meant[best]:.1f} times closer to that than to what the commands say")  # fmt: skip
+
+
+def _other_meanings(
+    windows: Sequence[Window], state: Array, names: Sequence[str]
+) -> Iterator[tuple[str, list[Window], Array]]:
+    """What logs may mean instead: the words for it, the windows, and their initial states [window, 6]."""
+    for k, name in enumerate(names):
+        signs = np.where(np.arange(len(names)) == k, -1.0, 1.0)
+        yield f"{name} had the other sign", [w._replace(actions=w.actions * signs) for w in windows], state
+    for k, j in combinations(range(len(names)), 2):
+        order = np.arange(len(names))
+        order[[k, j]] = j, k
+        told = f"{names[k]} and {names[j]} were exchanged"
+        yield told, [w._replace(actions=w.actions[:, order]) for w in windows], state
+    turned = np.array([1.0, 1.0, 1.0, -1.0, -1.0, 1.0]) * state + np.pi * (np.arange(6) == HEADING)
+    yield "its heading were counted from the stern", list(windows), turned
 
 
 def _place(b: Bench, place: Array, euler: Array, zero: Array, state: Array) -> None:
