@@ -387,6 +387,15 @@ def test_normals_are_mended(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
+    ("name", "way"), [("a.STEP", "export this drawing as STL"), ("a.pnl", "panels of HAMS as GDF")]
+)
+def test_a_mesh_of_another_kind_is_told_by_its_name(tmp_path, name, way):
+    (tmp_path / name).write_text("ISO-10303-21;\n")
+    with pytest.raises(ConfigError, match=way):
+        hulls.read_mesh(tmp_path / name, "m", 0.0, None, None)
+
+
+@pytest.mark.parametrize(
     ("mass", "cg", "says"),
     [(9000.0, 0.0, "above the"), (4100.0, -1.0, "metacentric height"), (10.0, 0.0, "check mass")],
 )

@@ -32,6 +32,10 @@ OBJ_IGNORED = frozenset(
 )  # fmt: skip  # statements of an OBJ that change no polygon
 LINEAR = {"triangle": 3, "quad": 4}  # cells of meshio that are flat panels
 NO_SURFACE = frozenset(("vertex", "line"))  # cells of meshio without an area
+OTHER_KINDS = dict.fromkeys((".step", ".stp", ".iges", ".igs", ".brep", ".3dm"), "export this drawing as STL, in m") | {
+    ".dat": "write the panels of NEMOH as GDF or STL", ".mar": "write the panels of NEMOH as GDF or STL",
+    ".pnl": "write the panels of HAMS as GDF or STL", ".glb": "export it as STL", ".gltf": "export it as STL",
+}  # fmt: skip  # endings that are not read -> the way out
 HALF = 1e-6  # share of a mesh's size by which the y of a half hull may lie below 0
 CONVEX = -1e-9  # a polygon's smallest corner (sine of its turn) from which it is convex
 
@@ -52,6 +56,8 @@ def read(path: Path, unit: str = "m") -> Polygons:
     """
     if not path.is_file():
         raise ConfigError(f"{path}: no such file")
+    if way := OTHER_KINDS.get(path.suffix.lower()):
+        raise ConfigError(f"{path}: meshes are STL, OBJ, GDF, CSV, PLY, VTK or MSH: {way}")
     readers = {".gdf": _gdf, ".csv": _csv, ".stl": _stl, ".obj": _obj}
     reader = readers.get(path.suffix.lower())
     try:
