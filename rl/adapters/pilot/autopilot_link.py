@@ -69,7 +69,7 @@ class Link:
 
     Attributes:
         name: of the vehicle, for messages. heart, place, attitude: what it has said last; None: nothing yet. wind: of
-            the last WIND, velocity of the air, NED, m/s.
+            the last WIND, velocity of the air, NED, m/s; NaN: nothing yet.
         placed, turned, blown: when the newest place, attitude and wind were sent; heard: when anything arrived, s.
         parameters: name -> value, as it has told them. refused: number of a command -> MAV_RESULT.
         other: another system on this connection whose autopilot has been heard; 0: there is none, or one was named.
@@ -90,7 +90,7 @@ class Link:
         self.heart: Heart | None = None
         self.place: Place | None = None
         self.attitude: Attitude | None = None
-        self.wind: tuple[float, float, float] | None = None
+        self.wind = math.nan, math.nan, math.nan
         self.placed = self.turned = self.blown = self.heard = NEVER
         self._clocks: dict[str, int] = {}  # kind of message -> the autopilot's clock, ms
         self._ahead, self._at = math.inf, NEVER  # our clock over its, by the quickest message, s; as of when

@@ -295,7 +295,7 @@ class Pilot:
         began, name, fleet = time.perf_counter(), self.team.name, self.team.fleet
         assert self._chart is not None, "no course"
         states = torch.from_numpy(self._chart.states(self.links, now))[None].to(fleet.state)
-        self._blow(states)
+        self._blow(self._chart, states)
         self.mission.follow({name: states}, None if self._taken is None else {name: self._taken})
         for ending, flags in self.team.ended().items():
             if bool(flags.any()):
@@ -312,13 +312,12 @@ class Pilot:
         self.decisions += 1
         self._report(now)
 
-    def _blow(self, states: torch.Tensor) -> None:
+    def _blow(self, chart: Chart, states: torch.Tensor) -> None:
         """Write airspeed and wind, if the team's vehicles measure them, by their `states` [1, vehicle, 13]."""
-        fleet, chart = self.team.fleet, self._chart
-        columns, _ = air_columns(fleet.model)
-        if not columns or chart is None:
+        fleet, (columns, _) = self.team.fleet, air_columns(self.team.fleet.model)
+        if not columns:
             return
-        wind = np.stack([chart.in_mission(link.wind or (0.0, 0.0, 0.0)) for link in self.links])
+        wind = np.stack([chart.in_mission(link.wind) for link in self.links])
         R = torch_rotation_matrix(states[0, :, QUATERNION]).double().cpu().numpy()
         through = np.einsum("vij,vj->vi", R, states[0, :, VELOCITY].double().cpu().numpy()) - wind
         air = np.column_stack((np.linalg.norm(through, axis=1), wind))
