@@ -159,6 +159,12 @@ class Views(Remembers, Generic[M]):
         return torch_euler_from_quaternion(self.quaternion_nb)
 
 
+def exact(position: Tensor, remainder: Tensor) -> Tensor:
+    """Positions in float64, of those of a state and what it cannot hold of them."""
+    place, rest = position.double(), remainder.double()
+    return place + torch.where(rest.abs() <= HALF_DIGIT * place.abs(), rest, 0.0)
+
+
 class Fleet(Views[M]):
     """Vehicles of one model in every environment; the views share memory with the tensors of the kernels.
 
@@ -223,9 +229,7 @@ class Fleet(Views[M]):
 
         `position_n` has 24 bits: 1 mm at 10 km from the origin, 6 cm at 1,000 km.
         """
-        place = self.position_n.double()
-        rest = self.remainder.double()
-        return place + torch.where(rest.abs() <= HALF_DIGIT * place.abs(), rest, 0.0)
+        return exact(self.position_n, self.remainder)
 
     def move(self, way: Tensor) -> None:
         """Move all vehicles by `way` [env, vehicle, 3] (NED, m): for models in torch, which lose no short way then."""

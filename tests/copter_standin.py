@@ -2,8 +2,8 @@
 
     copter_standin.py --instance N --serial0 udpclient:ADDRESS:PORT --home LAT,LON,...
 
-It arms on request, takes off, follows a place and a velocity in GUIDED, sinks at 0.5 m/s in LAND, and disarms when that
-moves it no more. Control is that of sitl_peer.Copter, for a t650.
+It arms and disarms on request, takes off, and follows a place and a velocity. Control is that of sitl_peer.Copter, for
+a t650.
 """
 
 import argparse
@@ -23,7 +23,6 @@ from sitl_peer import Copter, Peer  # noqa: E402
 
 RATE, METRES = 400, 111_319.5  # Hz; m per degree
 NEAR = 5.0  # m, farther goals are drawn in: they set its speed
-LAND_SPEED, STOPPED = 0.5, 0.1  # m/s
 
 
 def t650() -> SimpleNamespace:
@@ -43,7 +42,7 @@ class StandIn:
 
     def __init__(self, wire: socket.socket, link, home: tuple[float, float]):
         self.link, self.home, self.pilot = link, home, Copter(t650())
-        self.armed, self.landing, self.goal, self.moves, self.still = False, False, None, np.zeros(3), 0
+        self.armed, self.goal, self.moves = False, None, np.zeros(3)
 
         def answered(data: bytes) -> bytes | None:
             wire.send(data)
@@ -65,10 +64,6 @@ class StandIn:
         if not self.armed or self.goal is None:
             return [1000] * 4
         p, v = np.array(told["position"]), np.array(told["velocity"])
-        if self.landing:
-            self.goal = np.array([*self.goal[:2], p[2] + 1.0])
-            self.still = self.still + 1 if abs(v[2]) < STOPPED else 0
-            self.armed = self.still < RATE // 4
         away = self.goal - p
         self.pilot.goal = p + away * min(1.0, NEAR / max(np.linalg.norm(away[:2]), 1e-6))
         return self.pilot.outputs(told | {"velocity": list(v - self.moves * [1.0, 1.0, 0.0])})
@@ -78,14 +73,12 @@ class StandIn:
         while (message := self.link.recv_match(blocking=False)) is not None:
             kind = message.get_type()
             if kind == "COMMAND_LONG" and message.command == mavutil.mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
-                self.armed = True
+                self.armed = message.param1 == 1
             elif (
                 kind == "COMMAND_LONG" and message.command == mavutil.mavlink.MAV_CMD_NAV_TAKEOFF and self.goal is None
             ):
                 self.goal = np.array(told["position"]) - [0.0, 0.0, message.param7]
-            elif kind == "COMMAND_LONG" and message.command == mavutil.mavlink.MAV_CMD_DO_SET_MODE:
-                self.landing = message.param2 == 9
-            elif kind == "SET_POSITION_TARGET_GLOBAL_INT" and not self.landing:
+            elif kind == "SET_POSITION_TARGET_GLOBAL_INT":
                 north = (message.lat_int / 1e7 - self.home[0]) * METRES
                 east = (message.lon_int / 1e7 - self.home[1]) * METRES * math.cos(math.radians(self.home[0]))
                 self.goal, self.moves = (

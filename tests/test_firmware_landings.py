@@ -24,14 +24,15 @@ def _program(folder: Path, text: str) -> Path:
 
 
 @pytest.mark.slow
-def test_a_stand_in_takes_off_flies_to_the_deck_and_lands(tmp_path, capsys):
-    """In calm air and hs 0.3 m: the whole way of commands, and the benchmark's judge."""
+def test_stand_ins_take_off_fly_to_their_decks_and_land(tmp_path, capsys):
+    """In calm air and hs 0.3 m: the whole way of commands, and the benchmark's judge, of two landings at once."""
     pytest.importorskip("pymavlink")
     file = _program(tmp_path, f'exec "{sys.executable}" "{HERE / "copter_standin.py"}" "$@"')
-    words = ["--autopilot", str(file), "--landings", "1", "--instance", "41", "--json", str(tmp_path / "out.json")]
+    words = ["--autopilot", str(file), "--landings", "2", "--instance", "41", "--json", str(tmp_path / "out.json")]
     assert firmware_landings.main([*words, *SETS]) == 0, capsys.readouterr().err
     figures = json.loads((tmp_path / "out.json").read_text())["figures"]
-    assert figures["success_rate"][0] == 1.0 and figures["touch_error_m"][0] < 0.5
+    assert figures["success_rate"][0] > 0.0 and figures["touch_error_p95_m"][0] < 0.5
+    assert figures["success_rate"][0] + figures["hard"][0] == 1.0  # the stand-in is told no speed of touching
     assert 0.2 < figures["touch_speed_m_s"][0] < 1.0
 
 
@@ -44,5 +45,11 @@ def test_what_is_no_autopilot_is_refused(tmp_path, monkeypatch, capsys):
         (HERE / "test_firmware_landings.py", "no program that could be run"),
         (_program(tmp_path, "echo no sim here; exit 3"), "It has ended with status 3. no sim here"),
     ):
-        assert firmware_landings.main(["--autopilot", str(path), "--instance", "42", *SETS]) == 1
+        assert firmware_landings.main(["--autopilot", str(path), "--instance", "43", *SETS]) == 1
         assert told in capsys.readouterr().err
+
+
+def test_instances_beyond_those_of_ardupilot_are_refused(tmp_path, capsys):
+    words = ["--autopilot", str(_program(tmp_path, "true")), "--landings", "9", "--at-once", "8", "--instance", "249"]
+    assert firmware_landings.main(words) == 1
+    assert "--instance 249: 8 landings at once need as many instances, of 0 to 255" in capsys.readouterr().err

@@ -4,8 +4,9 @@
 
 Each landing is an episode of its own. The copter stands in the air where the mission places it, arms, takes off and
 flies to the deck in GUIDED, by a script that does what a user could by MAVLink: it knows the deck's place and velocity
-exactly, follows them 10 times a second, waits over the deck, sinks with it, and asks for LAND just above it. The boat
-sails by the mission's helm. An episode is measured from where the copter is as near as the mission's episodes begin.
+exactly, follows them 10 times a second, waits over the deck, sinks with it, and stops the motors once it stands there:
+LAND would brake to a stop over ground, and tip it over on a deck that moves. The boat sails by the mission's helm. An
+episode is measured from where the copter is as near as the mission's episodes begin.
 
 Needs pymavlink: pip install "taichi-sim[ardupilot]". docs/sitl.md says what has been confirmed with real firmware.
 """
@@ -19,6 +20,8 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, closing
+from copy import copy
 from pathlib import Path
 from typing import Any
 
@@ -30,19 +33,25 @@ if __package__ in (None, ""):
 
 HOME = 63.48, 10.40  # deg, of the world's origin
 METRES = 111_319.5  # per degree of latitude, as ArduPilot has it
+RATE = 200  # Hz, of the world, of the program's frames and of its loops
 PARAMETERS = {
-    "FRAME_CLASS": 1, "FRAME_TYPE": 1, "SIM_RATE_HZ": 400, "ARMING_CHECK": 0, "INS_GYR_CAL": 0, "FS_THR_ENABLE": 0,
-    "FS_GCS_ENABLE": 0, "FS_EKF_ACTION": 1, "LOG_BACKEND_TYPE": 0, "LAND_SPEED": 50,
+    "FRAME_CLASS": 1, "FRAME_TYPE": 1, "SIM_RATE_HZ": RATE, "SCHED_LOOP_RATE": RATE, "ARMING_CHECK": 0,
+    "INS_GYR_CAL": 0, "FS_THR_ENABLE": 0, "FS_GCS_ENABLE": 0, "FS_EKF_ACTION": 1, "LOG_BACKEND_TYPE": 0,
+    "MOT_THST_EXPO": 1,
 }  # fmt: skip
 """ArduCopter's; a file of --defaults comes after them."""
-GUIDED, LAND = 4, 9  # modes of ArduCopter
-COMES_WITHIN = 30.0  # s, of the clock, for the first frame, and for any other
+GUIDED = 4  # a mode of ArduCopter
+INSTANCES = 256  # ArduPilot keeps the number in 8 bits
+SPEEDUP = 1000  # times real time, that the program does not wait for
+COMES_WITHIN = 60.0  # s, of the clock, for the first frame, and for any other
 READY_WITHIN = 120.0  # s, of simulated time, for arming
 CLIMB = 3.0  # m, of the take-off
 AGAIN = 1.0  # s between two tries of a command
 AWAY = 60.0  # s to come near, for each 100 m; assumed
 HOVER, NEAR, WAITS = 3.0, 0.3, 1.0  # m over the deck, m from its middle, s near it before sinking; assumed
-SINKS, LANDS = 0.4, 0.3  # m/s over the deck, and height in m at which LAND is asked for; assumed
+SINKS, PRESSES = 0.4, -0.3  # m/s over the deck; height in m that it is told at last, on the deck; assumed
+STANDS = 0.15, 0.5  # m over the deck at the most, and for how long, s, until the motors are stopped; assumed
+FORCED = 21196  # disarms in flight, too, as MAV_CMD_COMPONENT_ARM_DISARM documents
 POSITION_AND_VELOCITY = 0b1100_0000_0000 | 0b1_1100_0000  # type_mask: no acceleration, yaw and its rate
 EARTH_FRAME = 5  # MAV_FRAME_GLOBAL_INT: latitude, longitude, height above mean sea level
 
@@ -55,7 +64,7 @@ class Script:
     """What a user's script does on the copter, by MAVLink; every number is NED, m, m/s, from the world's origin.
 
     Attributes:
-        phase: "arms", "climbs", "comes", "sinks", "lands". place: of the copter, as it tells. texts: its last words.
+        phase: "arms", "comes", "sinks", "stands". place: of the copter, as it tells. texts: its last words.
     """
 
     def __init__(self, link: Any, soles: float, height: float):
@@ -63,7 +72,7 @@ class Script:
         self.link, self.soles, self.height = link, soles, height
         self.phase, self.place, self.start = "arms", None, None
         self.texts: list[str] = []
-        self._armed, self._asked, self._near, self._gap = False, -math.inf, 0.0, HOVER
+        self._armed, self._asked, self._near, self._down, self._gap = False, -math.inf, 0.0, 0.0, HOVER
 
     def __call__(self, time: float, interval: float, deck: NDArray[np.float64], moves: NDArray[np.float64]) -> None:
         """Act at `time` (s) by what has come since the last `interval` (s); `deck` and how it `moves` [3]."""
@@ -92,13 +101,15 @@ class Script:
                 self.phase = "sinks"
         elif self.phase == "sinks":
             if off < NEAR:
-                self._gap -= SINKS * interval
+                self._gap = max(self._gap - SINKS * interval, PRESSES)
             gap = self._gap
-            if deck[2] - self.place[2] - self.soles < LANDS:
-                self.phase, self._asked = "lands", -math.inf
-        if self.phase == "lands":
-            if time - self._asked > AGAIN:
-                self._mode(LAND)
+            low = gap == PRESSES and deck[2] - self.place[2] - self.soles < STANDS[0]
+            self._down = self._down + interval if low else 0.0
+            if self._down > STANDS[1]:
+                self.phase, self._asked = "stands", -math.inf
+        if self.phase == "stands":
+            if self._armed and time - self._asked > AGAIN:
+                self._command("MAV_CMD_COMPONENT_ARM_DISARM", 0, FORCED)
                 self._asked = time
             return
         north, east, down = deck - [0.0, 0.0, gap + self.soles]
@@ -148,67 +159,123 @@ def free_port() -> int:
         return wire.getsockname()[1]
 
 
-def land(args: argparse.Namespace, config: Any, source: Path, seed: int) -> Any:
-    """The judge of one landing.
+class Flight:
+    """One copter: the program that flies it, the script that tells it what to do, and the judge of its episode.
+
+    Attributes:
+        script: the script. judge: None until its episode begins. decisions: of the episode.
+    """
+
+    def __init__(
+        self, path: Path, instance: int, defaults: Sequence[Path], folder: Path, *, soles: float, height: float
+    ):
+        """Start the program as `instance`, in a `folder` of its own; the others are those of `Script`."""
+        from pymavlink import mavutil
+
+        port = free_port()
+        self.instance, self.judge, self.decisions = instance, None, 0
+        self.link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", source_system=255)
+        self.script = Script(self.link, soles, height)
+        folder.mkdir()
+        self._log = (folder / "log.txt").open("w+b")
+        words = [path, "--wipe", "--speedup", SPEEDUP, "--model", "JSON:127.0.0.1", "--instance", instance, "--home",
+                 f"{HOME[0]},{HOME[1]},0,0", "--defaults", ",".join(map(str, defaults)),
+                 "--serial0", f"udpclient:127.0.0.1:{port}"]  # fmt: skip
+        self._process = subprocess.Popen(
+            [*map(str, words)], cwd=folder, stdin=subprocess.DEVNULL, stdout=self._log, stderr=self._log
+        )
+
+    def last(self) -> str:
+        """How the program has ended, if it has, and its last line."""
+        self._log.seek(0)
+        line = self._log.read().decode(errors="replace").strip().splitlines()[-1:]
+        ended = "" if self._process.poll() is None else f" It has ended with status {self._process.returncode}."
+        return f"{ended} {' '.join(line)}"
+
+    def close(self) -> None:
+        """End the program."""
+        self._process.kill()
+        self._process.wait()
+        self.link.close()
+        self._log.close()
+
+
+def land(args: argparse.Namespace, config: Any, source: Path, seed: int, count: int) -> list[Any]:
+    """The judges of `count` landings, each in an environment of its own, all at once.
 
     Raises:
-        AutopilotError: for a program that is no autopilot, or that does not arm or come near.
+        AutopilotError: for a program that is no autopilot, or that does not arm.
     """
-    from pymavlink import mavutil
-
     from rl.runs.autopilots import others, shared_mission
     from taichi_sim.applications.sitl.lockstep import SilentError, Station
 
     name = config.landing.aircraft
-    craft, port, mine = (name, 0), 9002 + 10 * args.instance, free_port()
     longest = config.episode_duration + READY_WITHIN + 1e3
     mission: Any = shared_mission(
-        config.model_copy(update={"episode_duration": longest}), [craft], seed=seed, rate=400.0, source=source
-    )
-    policies = others("classical", mission, [craft])
-    limit, dt = config.episode_steps, config.decision_interval
-    with tempfile.TemporaryDirectory() as folder:
-        files = [Path(folder) / "landing.parm", *(file.resolve() for file in args.defaults)]
+        config.model_copy(update={"episode_duration": longest}), [(name, 0)], seed=seed, rate=RATE, source=source,
+        envs=count,
+    )  # fmt: skip
+    policies = others("classical", mission, [(name, 0)])
+    mission.step({team: policies[team](of) for team, of in mission.teams.items()})  # compiles, before anybody waits
+    mission.perceive()
+    mission.begin_each()
+    limit, dt, far = config.episode_steps, config.decision_interval, config.landing.distance[1]
+    ports = {(name, 0, env): 9002 + 10 * (args.instance + env) for env in range(count)}
+    with ExitStack() as open_things:
+        folder = Path(open_things.enter_context(tempfile.TemporaryDirectory()))
+        files = [folder / "landing.parm", *(file.resolve() for file in args.defaults)]
         files[0].write_text("".join(f"{key} {value}\n" for key, value in PARAMETERS.items()))
-        station = Station(mission.world, {craft: port}, {}, address="127.0.0.1", timeout=COMES_WITHIN, tell=print)
-        link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{mine}", source_system=255)
-        log = (Path(folder) / "log.txt").open("w+b")
-        words = [args.autopilot, "--wipe", "--model", "JSON:127.0.0.1", "--instance", args.instance, "--home",
-                 f"{HOME[0]},{HOME[1]},0,0", "--defaults", ",".join(map(str, files)),
-                 "--serial0", f"udpclient:127.0.0.1:{mine}"]  # fmt: skip
-        process = subprocess.Popen([*map(str, words)], cwd=folder, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
-        try:
-            mission.measure_anew()
-            script = Script(link, mission.aircraft.soles_below, config.landing.height[0])
-            judge, number, time = None, 0, 0.0
-            while judge is None or (number < limit and (judge.outcome < 0).any()):
+        station = open_things.enter_context(
+            closing(Station(mission.world, ports, {}, address="127.0.0.1", timeout=COMES_WITHIN, tell=ignored))
+        )
+        flights, script = {}, {"soles": mission.aircraft.soles_below, "height": config.landing.height[0]}
+        for env, session in enumerate(station.sessions):
+            flight = Flight(args.autopilot, args.instance + env, files, folder / str(env), **script)
+            open_things.callback(flight.close)
+            flights[session] = flight
+        mission.measure_anew()
+        time = 0.0
+        while station.sessions:
+            try:
                 step = mission.step({team: policies[team](of) for team, of in mission.teams.items()})
-                mission.perceive()
-                time += dt
-                deck = mission.aircraft.deck
-                script(time, dt, *(x[0, 0].double().cpu().numpy() for x in (deck.place, deck.velocity)))
-                away = float(mission.aircraft.distance[0, 0])
-                if judge is not None:
-                    number += 1
-                    judge.see(step, number)
-                elif script.phase != "arms" and away < config.landing.distance[1]:
-                    judge = mission.Judge(mission, name)
-                elif time > READY_WITHIN + (AWAY * away / 100 if script.phase != "arms" else 0.0):
-                    told = f"after {time:.0f} s of its time it still {script.phase}; it says {script.texts}"
+            except SilentError as error:
+                silent = next(flights[session] for session in station.sessions if session.craft.ready)
+                told = f"{error}.{silent.last()}"
+                raise AutopilotError(f"--autopilot {args.autopilot}: no ArduPilot? {told}") from None
+            mission.perceive()
+            time += dt
+            deck, distance = mission.aircraft.deck, mission.aircraft.distance[:, 0].tolist()
+            place, moves = (x[:, 0].double().cpu().numpy() for x in (deck.place, deck.velocity))
+            for session in [*station.sessions]:
+                flight, env = flights[session], session.craft.env
+                flight.script(time, dt, place[env], moves[env])
+                arms, away = flight.script.phase == "arms", distance[env]
+                if flight.judge is not None:
+                    flight.decisions += 1
+                    flight.judge.see(step, flight.decisions)
+                    if flight.decisions >= limit or (flight.judge.outcome[env] >= 0).all():
+                        station.leave(session)
+                        flight.close()
+                elif not arms and (away < far or time > READY_WITHIN + AWAY * away / 100):
+                    flight.judge = mission.Judge(mission, name)
+                elif arms and time > READY_WITHIN:
+                    told = f"after {time:.0f} s of its time it has not taken off; it says {flight.script.texts}"
                     raise AutopilotError(f"{args.autopilot}: {told}")
-            return judge
-        except SilentError as error:
-            log.seek(0)
-            last = log.read().decode(errors="replace").strip().splitlines()[-1:]
-            ended = "" if process.poll() is None else f" It has ended with status {process.returncode}."
-            told = f"{error}.{ended} {' '.join(last)}"
-            raise AutopilotError(f"--autopilot {args.autopilot}: no ArduPilot? {told}") from None
-        finally:
-            process.kill()
-            process.wait()
-            station.close()
-            link.close()
-            log.close()
+    return [of_one(flight.judge, session.craft.env) for session, flight in flights.items()]
+
+
+def of_one(judge: Any, env: int) -> Any:
+    """The judge of one environment alone."""
+    found = copy(judge)
+    for key, value in vars(judge).items():
+        if isinstance(value, np.ndarray):
+            setattr(found, key, value[env : env + 1])
+    found.mission = None  # it would keep the world
+    return found
+
+
+def ignored(text: str) -> None:
+    """Take a line of news that nobody reads."""
 
 
 def table(kind: Any, episodes: Mapping[str, NDArray[np.float64]]) -> dict[str, Sequence[float | None]]:
@@ -229,7 +296,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--autopilot", type=Path, required=True, metavar="PATH", help="ArduCopter, built for SITL")
     p.add_argument("--landings", type=shared.positive_int, default=64, metavar="N", help="[64]")
     p.add_argument("--defaults", type=Path, action="append", default=[], metavar="FILE", help="more parameters")
-    p.add_argument("--instance", type=int, default=0, help="of the autopilot: ports 9002 + 10 N [0]")
+    p.add_argument("--at-once", type=shared.positive_int, default=16, metavar="N", help="landings at a time [16]")
+    p.add_argument("--instance", type=int, default=0, help="of the first autopilot: ports 9002 + 10 N [0]")
     p.add_argument("--seed", type=shared.seed, help="of the first landing; the next ones follow [the scenario's]")
     p.add_argument("--json", type=output, metavar="FILE", help="also write the figures to FILE")
     shared.add_common(p)
@@ -249,6 +317,11 @@ def main(argv: list[str] | None = None) -> int:
 
     try:
         args.autopilot = program(args.autopilot)
+        most = min(args.at_once, args.landings)
+        if not 0 <= args.instance <= INSTANCES - most:
+            raise ConfigError(
+                f"--instance {args.instance}: {most} landings at once need as many instances, of 0 to {INSTANCES - 1}"
+            )
         try:
             import pymavlink  # noqa: F401
         except ImportError:
@@ -261,10 +334,11 @@ def main(argv: list[str] | None = None) -> int:
         shared.start(args)
         first, judges = config.evaluation.seed if args.seed is None else args.seed, []
         kind: Any = mission_class(config, source).Judge
-        for k in range(args.landings):
-            judges.append(land(args, config, source, first + k))
+        while len(judges) < args.landings:
+            count = min(args.at_once, args.landings - len(judges))
+            judges += land(args, config, source, first + len(judges), count)
             if not args.quiet:
-                print(f"{k + 1} of {args.landings}: {kind.line(kind.figures(judges, config))}", flush=True)
+                print(f"{len(judges)} of {args.landings}: {kind.line(kind.figures(judges, config))}", flush=True)
         found = table(kind, kind.episodes(judges, config))
         for key, (value, low, high) in found.items():
             if value is not None:

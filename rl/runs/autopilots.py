@@ -50,9 +50,10 @@ def read_autopilots(texts: Sequence[str], config: Scenario) -> dict[Vehicle, int
 
 @runtime.own_settings()
 def shared_mission(
-    config: Scenario, driven: Sequence[Vehicle], *, seed: int, rate: float, source: Path | None = None
+    config: Scenario, driven: Sequence[Vehicle], *, seed: int, rate: float, source: Path | None = None, envs: int = 1
 ) -> Mission:
-    """A mission at the start of a held-out episode, in whose world (`LockstepWorld`) autopilots drive `driven`.
+    """A mission at the start of a held-out episode, in whose world (`LockstepWorld`) autopilots drive `driven`; or of
+    `envs` such episodes.
 
     Raises:
         ConfigError: where autopilots drive a part of a team of aircraft.
@@ -60,7 +61,7 @@ def shared_mission(
     whole = [name for name, of in config.teams.items() if all((name, k) in driven for k in range(of.count))]
     kind = mission_class(config, source)
     shared = type(kind.__name__, (kind,), {"make_world": staticmethod(partial(LockstepWorld, direct=whole, rate=rate))})
-    mission: Mission = shared(kind.one_each(config, 1), 1, seed=derive_seed(seed, "evaluation", 0), source=source)
+    mission: Mission = shared(kind.one_each(config, envs), envs, seed=derive_seed(seed, "evaluation", 0), source=source)
     for name in {name for name, _ in driven if name not in whole}:
         if changes_for(mission.world.teams[name].model):
             raise ConfigError(

@@ -191,7 +191,7 @@ def torch_rotation_matrix(q: torch.Tensor) -> torch.Tensor:
 
 def numpy_rotation_matrix(q: np.ndarray) -> np.ndarray:
     """R_nb [3, 3] of a unit quaternion [4]."""
-    w, x, y, z = q
+    w, x, y, z = map(float, q)
     return np.array([
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],

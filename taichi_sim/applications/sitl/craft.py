@@ -167,7 +167,10 @@ class Craft(Driven):
         self.keep()
         self.bench.step(self.mixer.actions(pwm), times=self.steps)
         self.frames += 1
+        held = self.held
         self.happen(pwm)
+        if held:
+            self.fleet.update()
 
     def elevation_below(self, team: Fleet, height: Tensor) -> Tensor:
         """Elevation (m, up) of the sea under each vehicle of `team`: a craft is the `Waters` of its model's endings."""

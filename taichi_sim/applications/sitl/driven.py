@@ -17,8 +17,8 @@ import torch
 from torch import Tensor
 
 from taichi_sim.applications.sitl.channels import Mixer
-from taichi_sim.fleet import Fleet
-from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, DOWN, GRAVITY, HORIZONTAL, QUATERNION, VELOCITY
+from taichi_sim.fleet import Fleet, exact
+from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, DOWN, GRAVITY, HORIZONTAL, POSITION, QUATERNION, VELOCITY
 from taichi_sim.kernels.rotation import numpy_rotation_matrix, torch_quaternion_from_euler
 from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.vehicle import Vehicle, Waters
@@ -27,6 +27,7 @@ GROUND = 50.0  # m, half of the side of the level square around the place where 
 OPEN = 0.6  # throttle at which a held aircraft is launched
 LAUNCH = 1.0  # s from rest to cruise: 25 m/s^2 for an Aerosonde; assumed
 STOP = 0.1  # s from a touchdown, or from the water, to rest; assumed
+SAME = 1e-9  # s between times that are one
 HARD, STEEP = 3.0, math.radians(45.0)  # m/s, rad: a faster or steeper touchdown is a crash; assumed
 WET = "ditched", "crashed"  # endings of aircraft in the water (`Vehicle.endings`)
 
@@ -74,6 +75,8 @@ class Moment(NamedTuple):
 
     def toward(self, later: "Moment", time: float) -> "Moment":
         """The moment at `time` on the straight way from this one to a `later` one."""
+        if abs(time - later.time) < SAME:
+            return later._replace(time=time)
         share = (time - self.time) / (later.time - self.time)
         found = [a + share * (b - a) for a, b in zip(self[1:], later[1:], strict=True)]
         q = self.quaternion + share * (later.quaternion * np.sign(self.quaternion @ later.quaternion) - self.quaternion)
@@ -81,9 +84,9 @@ class Moment(NamedTuple):
 
 
 class Driven:
-    """Vehicle `number` of environment 0 of a fleet; a derived class steps it.
+    """Vehicle `number` of environment `env` of a fleet; a derived class steps it.
 
-    Around a step, a derived class calls `keep` and then `happen`.
+    Around a step, a derived class calls `keep` and then `happen`. If the vehicle was held, it updates the fleet then.
 
     Attributes:
         rate: frame rate, Hz. frames: since the beginning.
@@ -94,7 +97,7 @@ class Driven:
         news: what has happened to an aircraft, for whoever reads and clears it.
     """
 
-    number = 0
+    env = number = 0
     model: Vehicle
     mixer: Mixer
     channels: dict[str, int]
@@ -108,6 +111,7 @@ class Driven:
         self.news: list[str] = []
         self.passage: Passage | None = None
         self.before = self.origin = np.zeros(3)
+        self._views: tuple[Tensor, ...] | None = None  # the fleet's state, and this vehicle's state, remainder and aux
         self._kept: tuple[Tensor, Tensor] | None = None
         self._down = 0.0
 
@@ -173,8 +177,8 @@ class Driven:
         if self.model.medium == "air":
             for name in self.model.control_names:
                 if name in self.model.aux_names:
-                    self.fleet.reading(name)[0, self.number] = 0.0
-        self.fleet.action[0, self.number] = 0.0
+                    self.fleet.reading(name)[self.env, self.number] = 0.0
+        self.fleet.action[self.env, self.number] = 0.0
         self.frames, self.time, self.held, self.ended, self.passage = 0, 0.0, held, "", None
         self.ground = held and not self.flies_ahead
         self.before = self._velocity()
@@ -184,7 +188,7 @@ class Driven:
     def keep(self) -> None:
         """Remember what a step is about to change."""
         self.before, self._down = self._velocity(), self._state()[DOWN]
-        self._kept = (self._row.clone(), self.fleet.remainder[0, self.number].clone()) if self.held else None
+        self._kept = (self._row.clone(), self._view(1).clone()) if self.held else None
 
     def happen(self, pwm: tuple[int, ...], *, wet: bool = True) -> None:
         """Let a vehicle that has moved by a step, under `pwm`, be held, or meet ground and, if asked for, water."""
@@ -205,14 +209,13 @@ class Driven:
             self.news.append("lifts off")
             return
         self._row.copy_(kept[0])
-        self.fleet.remainder[0, self.number].copy_(kept[1])
+        self._view(1).copy_(kept[1])
         if self.passage is not None:
             self._pass(self.passage)
         elif self.flies_ahead and not self.ended and self.mixer.share("throttle", pwm) >= OPEN:
             cruise = self.settled(self._row.clone().view(1, 1, -1))[0, 0, VELOCITY].double().cpu().numpy()
             self._begin_passage(LAUNCH, numpy_rotation_matrix(self._state()[QUATERNION]) @ cruise, flies=True)
             self.news.append("is launched")
-        self.fleet.update()
 
     def _begin_passage(self, seconds: float, velocity: np.ndarray, *, flies: bool, level: bool = False) -> None:
         """Begin to change to a `velocity` (n, m/s) and, if asked for, to a level attitude."""
@@ -226,7 +229,7 @@ class Driven:
         ends = self.time - passage.begun > passage.seconds - 0.5 * self.step
         v, euler, omega = passage.at(math.inf if ends else self.time)
         way = torch.zeros_like(fleet.position_exact)
-        way[0, self.number] = torch.from_numpy(0.5 * self.step * (self.before + v))
+        way[self.env, self.number] = torch.from_numpy(0.5 * self.step * (self.before + v))
         fleet.move(way)
         row[QUATERNION] = torch_quaternion_from_euler(*torch.from_numpy(euler)).to(row)
         R = numpy_rotation_matrix(self._state()[QUATERNION])
@@ -254,16 +257,27 @@ class Driven:
     def meets_water(self) -> bool:
         """Whether an aircraft touches the water, as its model judges it."""
         found = self.model.endings(self.fleet, self.waters)
-        return any(bool(found[name][0, self.number]) for name in WET if name in found)
+        return any(bool(found[name][self.env, self.number]) for name in WET if name in found)
 
     # -- measuring -------------------------------------------------------------------------------------------------
 
+    def _view(self, which: int) -> Tensor:
+        """State (0), remainder (1) or aux (2) of the vehicle, which share memory with the fleet's."""
+        fleet = self.fleet
+        if self._views is None or self._views[0] is not fleet.state:
+            mine = (x[self.env, self.number] for x in (fleet.state, fleet.remainder, fleet.aux))
+            self._views = fleet.state, *mine
+        return self._views[1 + which]
+
     @property
     def _row(self) -> Tensor:
-        return self.fleet.state[0, self.number]
+        return self._view(0)
+
+    def _read(self, which: int) -> np.ndarray:
+        return self._view(which).cpu().numpy().astype(np.float64)
 
     def _state(self) -> np.ndarray:
-        return self._row.cpu().numpy().astype(np.float64)
+        return self._read(0)
 
     def _velocity(self) -> np.ndarray:
         """Velocity over ground [3], NED, m/s."""
@@ -275,11 +289,11 @@ class Driven:
         if self.model.air is None:
             return self.steady_wind.cpu().numpy().astype(np.float64)
         columns = [self.model.aux_names.index(name) for name in self.model.air]
-        return self.fleet.aux[0, self.number].cpu().numpy()[columns].astype(np.float64)
+        return self._read(2)[columns]
 
     def moment(self) -> Moment:
         """The vehicle now."""
-        s, place = self._state(), self.fleet.position_exact[0, self.number].cpu().numpy()
+        s, place = self._state(), exact(self._row[POSITION], self._view(1)).cpu().numpy()
         v = numpy_rotation_matrix(s[QUATERNION]) @ s[VELOCITY]
         return Moment(self.time, place, s[QUATERNION], v, s[ANGULAR_VELOCITY])
 

@@ -88,46 +88,51 @@ class LockstepWorld(World):
             self.wait()
             for craft in self.crew:
                 craft.keep()
-                taken[craft.team][0, craft.number] = craft.actions()
+                taken[craft.team][craft.env, craft.number] = craft.actions()
             self._advance(taken)
             for touch, blow in zip(touches, blows, strict=True):
                 torch.maximum(blow, touch.blow, out=blow)
+            held = {craft.team for craft in self.crew if craft.held}
             for craft in self.crew:
                 craft.stepped(wet=not left)
+            for name in held:
+                self.teams[name].update()
         for touch, blow in zip(touches, blows, strict=True):
             touch.blow.copy_(blow)  # of the whole decision, as missions read it
         return taken
 
-    def put(self, name: str, number: int, state: Tensor, *, settle: bool) -> None:
-        """Place vehicle `number` of a team in environment 0 at `state` [13]; `settle` as in `place`."""
-        fleet, env = self.teams[name], self._everywhere[:1]
-        around, surface = self._placing(name, env), fleet.surface[:1, number : number + 1].clone()
+    def put(self, name: str, env: int, number: int, state: Tensor, *, settle: bool) -> None:
+        """Place vehicle `number` of a team in environment `env` at `state` [13]; `settle` as in `place`."""
+        fleet, only, its = self.teams[name], slice(env, env + 1), slice(number, number + 1)
+        around, surface = self._placing(name, self._everywhere[only]), fleet.surface[only, its].clone()
         row = state.clone().view(1, 1, -1)
         if settle:
             row = fleet.model.settle(row, surface, around)
-        fleet.model.reset_aux(fleet.aux[:1, number : number + 1], row, around)
-        fleet.state[0, number], fleet.surface[0, number] = row[0, 0], surface[0, 0]
-        fleet.remainder[0, number] = 0.0
+        fleet.model.reset_aux(fleet.aux[only, its], row, around)
+        fleet.state[env, number], fleet.surface[env, number] = row[0, 0], surface[0, 0]
+        fleet.remainder[env, number] = 0.0
         fleet.update()
-        self.contacts.put(fleet, number)
+        self.contacts.put(fleet, env, number)
 
 
 class Aboard(Driven):
     """A vehicle of a world that an autopilot drives. Positions are from the world's origin.
 
     Attributes:
-        team, number: which one. carrier: the vessel on whose deck it begins, if it does. asked: frames that are not
-            over: end (s, since its beginning) and outputs.
+        team, number, env: which one. carrier: the vessel on whose deck it begins, if it does. asked: frames that are
+            not over: end (s, since its beginning) and outputs.
     """
 
-    def __init__(self, world: LockstepWorld, team: str, number: int, carrier: tuple[str, int] | None = None):
+    def __init__(
+        self, world: LockstepWorld, team: str, number: int, carrier: tuple[str, int] | None = None, env: int = 0
+    ):
         """Let vehicle `number` of a team begin where it is, or on the deck of the vessel `carrier` (team, number).
 
         Raises:
             ConfigError: for a vehicle that an autopilot cannot drive.
         """
         super().__init__()
-        self.world, self.team, self.number, self.carrier = world, team, number, carrier
+        self.world, self.team, self.number, self.carrier, self.env = world, team, number, carrier, env
         self.model = self.fleet.model
         self.channels = default_channels(self.model)
         self.mixer = Mixer(self.model, self.channels)
@@ -140,8 +145,8 @@ class Aboard(Driven):
 
     @property
     def name(self) -> str:
-        """TEAM.NUMBER."""
-        return f"{self.team}.{self.number}"
+        """TEAM.NUMBER, and which environment of several."""
+        return f"{self.team}.{self.number}" + f" of environment {self.env}" * (self.world.num_envs > 1)
 
     @property
     def fleet(self) -> Fleet[Vehicle]:
@@ -155,26 +160,27 @@ class Aboard(Driven):
 
     def settled(self, state: Tensor) -> Tensor:
         """`Vehicle.settle` of a `state` [1, 1, 13]."""
-        around = self.world._placing(self.team, self.world._everywhere[:1])
-        return self.model.settle(state, self.fleet.surface[:1, self.number : self.number + 1].clone(), around)
+        only, its = slice(self.env, self.env + 1), slice(self.number, self.number + 1)
+        around = self.world._placing(self.team, self.world._everywhere[only])
+        return self.model.settle(state, self.fleet.surface[only, its].clone(), around)
 
     @property
     def steady_wind(self) -> Tensor:
         """Velocity of the air at the vehicle's height [3], NED, m/s."""
-        return self._felt.wind[0]
+        return self._felt.wind[self.env]
 
     @property
     def flown(self) -> bool:
         """Whether it is an aircraft in flight."""
         touch = self.fleet.touch
-        return super().flown and not (touch is not None and bool(touch.on[0, self.number]))
+        return super().flown and not (touch is not None and bool(touch.on[self.env, self.number]))
 
     def _place(self) -> None:
         """Place the vehicle at its beginning."""
         if self.carrier is not None:
-            self.world.put(self.team, self.number, self._on_deck(*self.carrier), settle=False)
+            self.world.put(self.team, self.env, self.number, self._on_deck(*self.carrier), settle=False)
         elif self._moved:
-            self.world.put(self.team, self.number, self._start, settle=True)
+            self.world.put(self.team, self.env, self.number, self._start, settle=True)
         self._begun(held=self.model.medium == "air" and self.carrier is None)
         self.ground = False  # it is gone once the aircraft has left it
         self._end, self._moved = 0.0, False
@@ -184,11 +190,11 @@ class Aboard(Driven):
     def _on_deck(self, team: str, number: int) -> Tensor:
         """State [13] of the aircraft that stands on a deck, and moves with it."""
         vessel = self.world.teams[team]
-        deck, row = vessel.model.deck, vessel.state[0, number].double()
+        deck, row = vessel.model.deck, vessel.state[self.env, number].double()
         assert deck is not None
         soles = self.model.soles(self.fleet)
         arm = torch.tensor(deck.centre, dtype=torch.float64, device=row.device)
-        arm[BELOW] -= soles[0, min(self.number, soles.shape[1] - 1), :, BELOW].max()
+        arm[BELOW] -= soles[min(self.env, len(soles) - 1), min(self.number, soles.shape[1] - 1), :, BELOW].max()
         state = row.clone()
         state[POSITION] += torch_rotation_matrix(row[QUATERNION]) @ arm
         state[VELOCITY] += torch.linalg.cross(row[ANGULAR_VELOCITY], arm)
@@ -225,7 +231,7 @@ class Aboard(Driven):
     def keep(self) -> None:
         """Remember what a step is about to change."""
         self.before, self._down = self._now.velocity, self._now.position[DOWN]
-        self._kept = (self._row.clone(), self.fleet.remainder[0, self.number].clone()) if self.held else None
+        self._kept = (self._row.clone(), self._view(1).clone()) if self.held else None
 
     @property
     def ready(self) -> bool:
@@ -254,11 +260,11 @@ class Station:
     """The autopilots' sockets: it lets a world wait for them all, and answers frames that are over."""
 
     def __init__(
-        self, world: LockstepWorld, places: Mapping[tuple[str, int], int],
+        self, world: LockstepWorld, places: Mapping[tuple[str, int] | tuple[str, int, int], int],
         decks: Mapping[tuple[str, int], tuple[str, int]], *, address: str, timeout: float,
         tell: Callable[[str], None], clock: Callable[[], float] = time.monotonic,
     ):  # fmt: skip
-        """Listen for the autopilot of each vehicle of `places` at its UDP port there.
+        """Listen for the autopilot of each vehicle of `places` (team, number, environment [0]) at its UDP port there.
 
         Args:
             world: the world, which then waits for them. decks: vehicle -> vessel on whose deck it begins.
@@ -269,9 +275,9 @@ class Station:
             ConfigError: for a port that is taken, or a vehicle that an autopilot cannot drive.
         """
         self.address, self.timeout, self.tell, self.clock = address, timeout, tell, clock
-        self.places, self.sessions = dict(places), []
-        self.wires, self._sockets = selectors.DefaultSelector(), {}
-        for (team, number), port in places.items():
+        self.sessions: list[Session[Aboard]] = []
+        self.wires, self._sockets, self._ports = selectors.DefaultSelector(), {}, {}
+        for (team, number, *env), port in places.items():
             wire = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
             try:
                 wire.bind((address, port))
@@ -280,11 +286,18 @@ class Station:
                 self.close()
                 raise ConfigError(f"{team}.{number}={port}: {address}:{port}: {error.strerror or error}") from None
             wire.setblocking(False)
-            session = Session(Aboard(world, team, number, decks.get((team, number))), clock)
+            session = Session(Aboard(world, team, number, decks.get((team, number)), *env), clock)
             self.sessions.append(session)
-            self._sockets[session] = wire
+            self._sockets[session], self._ports[session] = wire, port
             self.wires.register(wire, selectors.EVENT_READ, session)
-        world.crew, world.wait = [session.craft for session in self.sessions], self.wait
+        self.world, world.crew, world.wait = world, [session.craft for session in self.sessions], self.wait
+
+    def leave(self, session: Session[Aboard]) -> None:
+        """Hear an autopilot no more; the world goes on without it."""
+        self.sessions.remove(session)
+        self.world.crew.remove(session.craft)
+        self.wires.unregister(self._sockets[session])
+        self._sockets.pop(session).close()
 
     def close(self) -> None:
         """Close all sockets."""
@@ -294,8 +307,7 @@ class Station:
 
     def told(self, session: Session[Aboard]) -> str:
         """The vehicle and port of a session, and whether its autopilot has come."""
-        craft = session.craft
-        where = f"{craft.name} on {self.address}:{self.places[craft.team, craft.number]}"
+        where = f"{session.craft.name} on {self.address}:{self._ports[session]}"
         return f"{where} (has not come)" if session.last is None else where
 
     def wait(self) -> None:

@@ -192,14 +192,14 @@ class Contacts(Remembers):
             fleet.touch.forget(envs)
         self._leave(fleet, envs, 0, fleet.count)
 
-    def put(self, fleet: Fleet[Vehicle], number: int) -> None:
-        """Forget the contacts of vehicle `number` of a team, which was placed anew in environment 0."""
+    def put(self, fleet: Fleet[Vehicle], env: int, number: int) -> None:
+        """Forget the contacts of vehicle `number` of a team, which was placed anew in environment `env`."""
         if self.placed is None:
             return
-        self.placed[0] = True
+        self.placed[env] = True
         if fleet.touch is not None:
-            fleet.touch.forget(0, number)
-        self._leave(fleet, torch.zeros(1, dtype=torch.int64, device=self.placed.device), number, number + 1)
+            fleet.touch.forget(env, number)
+        self._leave(fleet, torch.tensor([env], device=self.placed.device), number, number + 1)
 
     def _leave(self, fleet: Fleet[Vehicle], envs: Tensor, first: int, last: int) -> None:
         """Forget the contacts with vehicles `first` to `last` - 1 of a team in environments `envs` [n]."""
