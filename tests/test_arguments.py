@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.config.arguments import checked_action, environments, whole_number
+from taichi_sim.config.arguments import checked_action, environments, numbers, whole_number
 from taichi_sim.state import snapshot
 from taichi_sim.world import ActionError, World
 
@@ -40,7 +40,7 @@ def test_environments_are_a_mask_of_bool_or_whole_numbers(given, meant):
         (np.ma.masked_array([1, 2], [True, False]), "numbers of environments or a bool mask"),
         ([1, 0, 0, 1], r"environment [01] twice \(if a mask is meant"),
         (torch.zeros(4, dtype=torch.int64), "zeros and ones"),
-        ([1.7], "not torch.float32"),
+        ([1.7], "not torch.float64"),
         ([True, False, True], r"a mask of shape \[3\], expected \[4\]"),
         (torch.ones(5, dtype=torch.bool), r"a mask of shape \[5\]"),
         (torch.ones(4, 1, dtype=torch.bool), r"a mask of shape \[4, 1\]"),
@@ -141,3 +141,8 @@ def test_vehicles_are_placed_where_and_as_they_can_be_or_nothing_moves():
         with pytest.raises(ValueError, match="envs"):
             fleet.set_numbers({"mass": 70.0}, envs)
     assert torch.equal(fleet.state, before)
+
+
+def test_numbers_of_python_keep_their_digits():
+    for given in (0.1, [0.1], ((0.1, 1), (2, 3))):
+        assert numbers(given, "entries").flatten()[0] == 0.1

@@ -46,6 +46,8 @@ def _tensor(given: object) -> Tensor:
     if np.ma.is_masked(given):
         raise ValueError("some entries are masked: fill them (array.filled)")
     values = torch.as_tensor(given, device=runtime.current().device).detach()
+    if values.is_floating_point() and not hasattr(given, "dtype"):  # Python's numbers have 53 bits
+        values = torch.as_tensor(given, dtype=torch.float64, device=values.device)
     if values.layout != torch.strided or (values.is_floating_point() and values.itemsize < 2):
         raise ValueError(f"{values.dtype}, {values.layout}: a dense tensor of 16 bits or more is expected")
     return values
