@@ -260,7 +260,7 @@ class Station:
     """The autopilots' sockets: it lets a world wait for them all, and answers frames that are over."""
 
     def __init__(
-        self, world: LockstepWorld, places: Mapping[tuple[str, int] | tuple[str, int, int], int],
+        self, world: LockstepWorld, places: Mapping[tuple[str, int], int] | Mapping[tuple[str, int, int], int],
         decks: Mapping[tuple[str, int], tuple[str, int]], *, address: str, timeout: float,
         tell: Callable[[str], None], clock: Callable[[], float] = time.monotonic,
     ):  # fmt: skip
