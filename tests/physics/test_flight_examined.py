@@ -36,6 +36,7 @@ def single():
     runtime.init()
 
 
+@pytest.mark.slow
 def test_in_sheared_wind_the_loads_do_the_work(f64, make_model):
     """Climb against a wind that grows with the logarithm of height: the energy of the motion over ground,
     1/2 m v^2 + 1/2 omega J omega + m g h, changes by the work of the loads, which follow from the velocity relative to

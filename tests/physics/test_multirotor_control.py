@@ -139,7 +139,8 @@ def amplitude(model, column, action, frequency, unit, periods=12):
     return float(np.hypot(*found[:2])) / unit
 
 
-@pytest.mark.parametrize("name", ["x500", pytest.param("t650", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["x500", "t650"])
 def test_bandwidths_are_those_told(name):
     """At the frequencies told, 1 / sqrt 2 of a small sinusoid arrives: rates, yaw rate, velocity, climb."""
     rates = load_vehicle(name, 0.005, 1, control={"actions": "rates"})

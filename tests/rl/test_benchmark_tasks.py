@@ -114,6 +114,7 @@ def test_every_observation_is_described(name):
         assert tuple(interface["actions"]) == team.action_names
 
 
+@pytest.mark.slow
 def test_describe_prints_a_task_as_text_and_json(here):
     text = here("rl.commands.describe", "otter-v1").out
     assert text.startswith("usv: 3 vehicles, a decision every 0.2 s") and "encounters" in text
