@@ -241,7 +241,8 @@ def check_against(simulator: WindowSimulator, logs: Sequence[Log], windows: Sequ
         best = int(np.argmin(meant))
         if away > UNLIKE and meant[best] < CLOSER * away:
             raise LogError(f"{log.name}: the vessel moves as if {meanings[best][0]}: it is "
-                           f"{away / meant[best]:.1f} times closer to that than to what the commands say")  # fmt: skip
+                           f"{away / meant[best]:.1f} times closer to that than to what the commands say. "
+                           "Leave out parts in which a current carries it against its commands")  # fmt: skip
 
 
 def _other_meanings(
