@@ -2,8 +2,8 @@
 
 Taichi compiles a kernel anew after every change of precision or threads, and in every worker. So a worker takes all
 tests of one precision from tests/rl, or from files whose names begin alike (--dist loadgroup). The first worker begins
-with tests/rl, which takes longest, the others with those in double precision. Missions and vehicles whose kernels few
-other tests of tests/rl need go by themselves (APART), so that one worker does not have them all.
+with tests/rl, which takes longest, the others with those in double precision. Vehicles whose kernels few other tests of
+tests/rl need go by themselves (APART).
 """
 
 import os
@@ -20,7 +20,7 @@ from taichi_sim.kernels import runtime
 os.environ["TI_OPT_LEVEL"] = "0"
 
 
-APART = ("escort", "landing", "usv", "uav", "pilot")  # in tests/rl, by the second word of a file's name
+APART = ("usv", "uav", "pilot")  # in tests/rl, by the second word of a file's name
 
 
 def _precision_of(item: pytest.Item) -> runtime.Precision:

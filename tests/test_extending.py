@@ -20,6 +20,7 @@ def folder(tmp_path_factory) -> Path:
     return place
 
 
+@pytest.mark.slow
 def test_the_vehicle_is_driven_alone(folder):
     text = printed("try_ferry.py", cwd=folder)
     light, laden = map(float, re.search(r"\[(.*)\]", text).group(1).split(","))

@@ -2,6 +2,7 @@
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -97,21 +98,25 @@ def sources(root: Path) -> dict[str, Path]:
     return {module_name(file, root): file for file in files}
 
 
+@cache
+def statements(source: str) -> list[ast.Import | ast.ImportFrom]:
+    """The import statements of a module."""
+    return [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Import | ast.ImportFrom)]
+
+
 def imports(name: str, file: Path, known: set[str]) -> Iterator[str]:
     """Modules of ours that a file imports, wherever in it the statement stands, and also if it is for types alone."""
     package = name if file.name == "__init__.py" else name.rpartition(".")[0]
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    for node in statements(file.read_text(encoding="utf-8")):
         if isinstance(node, ast.Import):
             found = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
+        else:
             base = node.module or ""
             if node.level:
                 up = package.split(".")[: len(package.split(".")) - node.level + 1]
                 base = ".".join([*up, base]).rstrip(".")
             inside = [f"{base}.{alias.name}" for alias in node.names]
             found = [full if full in known else base for full in inside]
-        else:
-            continue
         yield from (target for target in found if target.split(".")[0] in PACKAGES)
 
 

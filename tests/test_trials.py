@@ -176,6 +176,7 @@ def test_bad_input_is_told(words, told, capsys, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_report_and_tables(capsys, tmp_path):
     words = (
         "cybership2 --trial turning --trial roll --ahead 0.5 --helm 0.2 --sea hs=0.01,tp=1.2 --current 0.05 90 --runs 3"

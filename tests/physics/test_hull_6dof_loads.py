@@ -126,6 +126,7 @@ def test_a_long_wave_pushes_a_tilted_hull_down_its_slope(fine, bench):
     assert np.hypot(np.abs(north) - slope, east).max() < 0.06 * slope
 
 
+@pytest.mark.parametrize("precision", ["f64", pytest.param("f32", marks=pytest.mark.slow)], scope="module")
 @pytest.mark.parametrize("heading_to", [0.0, 180.0])
 def test_froude_krylov_load_on_a_box_of_fine_panels(heading_to, fine, columns, bench):
     """Surge, heave and pitch of the closed form, in and out of phase; heave is zero at L / lambda = 1.

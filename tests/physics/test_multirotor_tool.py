@@ -64,6 +64,7 @@ def test_its_surface_is_closed_and_has_its_size():
     assert vertices[:, 2].max() == pytest.approx(model.params.body.below)
 
 
+@pytest.mark.slow
 def test_it_is_recorded_filmed_and_dark_from_below():
     """A world with waves and turbulence, two multirotors: a recording has their bodies, air, rotors and loops."""
     sea = {"hs": 0.5, "tp": 4.0, "components": 4, "realisations": 1}

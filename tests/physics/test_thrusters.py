@@ -153,6 +153,7 @@ def test_a_wrench_is_made_as_it_is_asked_for(bench):
     assert made(settled(model, bench, actions)) == pytest.approx(as_wrench(model, actions), rel=1e-9, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_more_than_they_can_make_is_less_of_the_same_direction(bench):
     """Where a corner of the box of actions is too much, some unit is at its limit; the most of each alone is made."""
     model = barge("wrench", SET)

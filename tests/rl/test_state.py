@@ -86,7 +86,7 @@ def same(a: list[dict[str, np.ndarray]], b: list[dict[str, np.ndarray]]) -> bool
 
 
 def test_what_comes_after_a_restore_is_what_came_before():
-    for name in ("lanes", "otter", str(PLUGIN)):
+    for name in ("lanes", str(PLUGIN)):
         repeated(name, 40)
 
 

@@ -141,6 +141,7 @@ def test_what_a_scenario_has_not_is_no_mistake(file):
 # -- going through them -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_sweep_pairs_its_controllers_and_tells_what_cannot_be(run, file, here):
     ending = here("rl.commands.evaluate", run, "--sweep", file)
     assert ending.status == 0, ending.err

@@ -15,6 +15,7 @@ TINY = (
 )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_bad_number_is_found_again():
     """A position loop of 0.3 rad/s is too slow to be in place within 6 s."""
     config = load_scenario("lanes", TINY)
