@@ -440,6 +440,7 @@ def test_numbers_that_data_tell_follow_those_that_keep_the_file_s_value():
     assert (_given_the_rest(phi, precision, np.zeros(4, bool)) == 0).all()
 
 
+@pytest.mark.slow
 def test_starts_that_disagree_are_told(logs):
     """One as likely as the best, one in a local minimum, by the lines of the command."""
     found = fit("otter_3dof", [read_log(logs[0], load_vehicle("otter_3dof"))], {"X_u": 0.4}, starts=2)

@@ -249,6 +249,7 @@ def test_arrays_of_the_wrong_shape_are_refused() -> None:
         TeamTrack(**{**vars(team), "reward": team.reward[:, :1]})
 
 
+@pytest.mark.slow
 def test_figures_are_pictures(tmp_path: Path) -> None:
     table = tmp_path / "progress.csv"
     rows = [f"{number},{1000 * number},{number},,0.01" for number in range(20)]

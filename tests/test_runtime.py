@@ -201,6 +201,7 @@ print("done")
 """
 
 
+@pytest.mark.slow
 def test_packs_of_an_ended_program_are_freed_without_harm():
     """In a process of its own: without care the last launch fails, or Python crashes at its end."""
     done = subprocess.run([sys.executable, "-c", AGAIN], capture_output=True, text=True, env=PATHS, timeout=900)

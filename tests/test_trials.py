@@ -137,6 +137,7 @@ def test_imo_limits_are_those_of_the_resolution():
     assert [(c.limit, c.met) for c in criteria([out], 7.0)] == [(4.5, False)]
 
 
+@pytest.mark.slow
 def test_aircraft_keep_the_books(monkeypatch):
     """In a glide, the sink takes the weight's power; the best rate of climb is not beaten by the steepest angle."""
     monkeypatch.setattr(flight, "SPEEDS", 7)

@@ -174,6 +174,7 @@ def test_its_flight_needs_controls(tmp_path):
     assert check.problem == INPUTS and "no elevator_doublet_A.csv beside" in check.quantity
 
 
+@pytest.mark.slow
 def test_columns_may_have_the_courses_names(tmp_path):
     """pn, pe, pd; Euler angles instead of a quaternion; controls in columns of the table itself."""
     columns = columns_of(f"aerosonde/{MAVSIM}")
@@ -190,6 +191,7 @@ def test_columns_may_have_the_courses_names(tmp_path):
     assert not [check for check in report.checks if not check.passed]
 
 
+@pytest.mark.slow
 def test_a_wrong_equation_shows_in_its_flight(tmp_path):
     """One part in a thousand of C_m_q, as params/aerosonde.toml of the directory has it."""
     copy_mavsim(tmp_path)

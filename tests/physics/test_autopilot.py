@@ -173,6 +173,7 @@ def test_pitch_is_as_demanded(flight):
 # -- envelope ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_full_aft_stick_stalls_only_without_protection(flight):
     """The Zagi's: beyond the stall angle for seconds, or never."""
     free = flight("zagi", "surfaces", False).fly(10.0, [-1.0, 0.0, 0.0, 0.0])

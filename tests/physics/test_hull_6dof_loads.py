@@ -35,7 +35,7 @@ def barge(precision, constant_model):
     return constant_model("barge")
 
 
-@pytest.mark.parametrize("name", ["otter", "wamv", "barge"])
+@pytest.mark.parametrize("name", ["otter", *(pytest.param(x, marks=pytest.mark.slow) for x in ("wamv", "barge"))])
 def test_the_kernel_sums_the_pressure_as_numpy_does(name, precision, constant_model, bench):
     """Random poses, awash and capsized ones too; the NumPy sum is proven against closed forms in test_hydrostatics.
 

@@ -31,6 +31,7 @@ def test_components_without_amplitude_change_nothing(constant_model, bench):
     assert load.std(dim=0).abs().max() > 0.01 * model.params.weight  # there are waves
 
 
+@pytest.mark.slow
 def test_a_straight_run_in_calm_water_is_straight_to_the_last_bit(constant_model, bench):
     """What fills up the last lanes makes no wave: its side force, however small, an unstable course would multiply."""
     team = bench(constant_model("otter", 0.02, 5, restoring="linear"), calm_sea(), envs=2)

@@ -66,6 +66,7 @@ def test_heads_are_the_linear_pressure_averaged_over_a_step_of_the_line(otter, b
     assert slope == pytest.approx(-np.sum(across * size * np.sin(theta), axis=2), abs=limit * k.max())
 
 
+@pytest.mark.slow
 def test_pressure_at_every_wet_wave_point_of_the_shipped_sea(otter, bench):
     """The whole pressure where each panel wants it, against the sea's own, which inverts labels there; random poses."""
     sea = Sea.from_config(load_world("paper").sea, seed=3)

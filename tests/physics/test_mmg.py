@@ -67,6 +67,7 @@ def test_without_loads_a_hull_keeps_its_energy(make_model):
         assert np.array([u, v, r]) @ M @ rate[[7, 8, 12]] == pytest.approx(0.0, abs=1e-8 * p.m22)
 
 
+@pytest.mark.slow
 def test_a_ship_of_another_scale_moves_alike(make_model, bench):
     """By Froude: lengths as the scale, speeds and times as its root, whatever the density."""
     small = make_model(NAME, DT, 1, windage=VACUUM)
@@ -180,6 +181,7 @@ def _varied(model, bench, envs=1, vary=None):
     return team.state[:, 0].numpy().copy()
 
 
+@pytest.mark.slow
 def test_an_environment_is_what_a_vehicle_file_of_its_numbers_is(make_model, bench):
     """And each number does something: environment k has number k changed, the last has them all changed."""
     lags = {"propeller": {"time_constant": 0.4, "rate": 3.0}, "rudder": {"time_constant": 0.3}}
