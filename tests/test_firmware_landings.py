@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from rl.commands.shared import run
 from tools import firmware_landings
 
 HERE = Path(__file__).resolve().parent
@@ -29,7 +30,7 @@ def test_stand_ins_take_off_fly_to_their_decks_and_land(tmp_path, capsys):
     pytest.importorskip("pymavlink")
     file = _program(tmp_path, f'exec "{sys.executable}" "{HERE / "copter_standin.py"}" "$@"')
     words = ["--autopilot", str(file), "--landings", "2", "--instance", "41", "--json", str(tmp_path / "out.json")]
-    assert firmware_landings.main([*words, *SETS]) == 0, capsys.readouterr().err
+    assert run(firmware_landings.main, [*words, *SETS]) == 0, capsys.readouterr().err
     figures = json.loads((tmp_path / "out.json").read_text())["figures"]
     assert figures["success_rate"][0] > 0.0 and figures["touch_error_p95_m"][0] < 0.5
     assert figures["success_rate"][0] + figures["hard"][0] == 1.0  # the stand-in is told no speed of touching
@@ -45,11 +46,11 @@ def test_what_is_no_autopilot_is_refused(tmp_path, monkeypatch, capsys):
         (HERE / "test_firmware_landings.py", "no program that could be run"),
         (_program(tmp_path, "echo no sim here; exit 3"), "It has ended with status 3. no sim here"),
     ):
-        assert firmware_landings.main(["--autopilot", str(path), "--instance", "43", *SETS]) == 1
+        assert run(firmware_landings.main, ["--autopilot", str(path), "--instance", "43", *SETS]) == 1
         assert told in capsys.readouterr().err
 
 
 def test_instances_beyond_those_of_ardupilot_are_refused(tmp_path, capsys):
     words = ["--autopilot", str(_program(tmp_path, "true")), "--landings", "9", "--at-once", "8", "--instance", "249"]
-    assert firmware_landings.main(words) == 1
+    assert run(firmware_landings.main, words) == 1
     assert "--instance 249: 8 landings at once need as many instances, of 0 to 255" in capsys.readouterr().err

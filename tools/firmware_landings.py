@@ -56,10 +56,6 @@ POSITION_AND_VELOCITY = 0b1100_0000_0000 | 0b1_1100_0000  # type_mask: no accele
 EARTH_FRAME = 5  # MAV_FRAME_GLOBAL_INT: latitude, longitude, height above mean sea level
 
 
-class AutopilotError(RuntimeError):
-    """A program that is no autopilot, or one that does not fly."""
-
-
 class Script:
     """What a user's script does on the copter, by MAVLink; every number is NED, m, m/s, from the world's origin.
 
@@ -145,10 +141,12 @@ def program(path: Path) -> Path:
     """The autopilot's file.
 
     Raises:
-        AutopilotError: if it cannot be run.
+        ConfigError: if it cannot be run.
     """
+    from taichi_sim.config import ConfigError
+
     if not path.is_file() or not os.access(path, os.X_OK):
-        raise AutopilotError(f"--autopilot {path}: no program that could be run; docs/sitl.md says how to build one")
+        raise ConfigError(f"--autopilot {path}: no program that could be run; docs/sitl.md says how to build one")
     return path.resolve()
 
 
@@ -204,10 +202,11 @@ def land(args: argparse.Namespace, config: Any, source: Path, seed: int, count: 
     """The judges of `count` landings, each in an environment of its own, all at once.
 
     Raises:
-        AutopilotError: for a program that is no autopilot, or that does not arm.
+        ConfigError: for a program that is no autopilot, or that does not arm.
     """
     from rl.runs.autopilots import others, shared_mission
     from taichi_sim.applications.sitl.lockstep import SilentError, Station
+    from taichi_sim.config import ConfigError
 
     name = config.landing.aircraft
     longest = config.episode_duration + READY_WITHIN + 1e3
@@ -241,7 +240,7 @@ def land(args: argparse.Namespace, config: Any, source: Path, seed: int, count: 
             except SilentError as error:
                 silent = next(flights[session] for session in station.sessions if session.craft.ready)
                 told = f"{error}.{silent.last()}"
-                raise AutopilotError(f"--autopilot {args.autopilot}: no ArduPilot? {told}") from None
+                raise ConfigError(f"--autopilot {args.autopilot}: no ArduPilot? {told}") from None
             mission.perceive()
             time += dt
             deck, distance = mission.aircraft.deck, mission.aircraft.distance[:, 0].tolist()
@@ -260,7 +259,7 @@ def land(args: argparse.Namespace, config: Any, source: Path, seed: int, count: 
                     flight.judge = mission.Judge(mission, name)
                 elif arms and time > READY_WITHIN:
                     told = f"after {time:.0f} s of its time it has not taken off; it says {flight.script.texts}"
-                    raise AutopilotError(f"{args.autopilot}: {told}")
+                    raise ConfigError(f"{args.autopilot}: {told}")
     return [of_one(flight.judge, session.craft.env) for session, flight in flights.items()]
 
 
@@ -304,8 +303,8 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; return the exit status."""
+def main(argv: list[str] | None = None) -> None:
+    """Run the command."""
     args = parser().parse_args(argv)
     from rl.commands import shared
     from rl.evaluation.episodes import mission_class
@@ -315,42 +314,39 @@ def main(argv: list[str] | None = None) -> int:
     from taichi_sim.config.base import MissingExtraError
     from taichi_sim.config.io import find_config
 
+    args.autopilot = program(args.autopilot)
+    most = min(args.at_once, args.landings)
+    if not 0 <= args.instance <= INSTANCES - most:
+        raise ConfigError(
+            f"--instance {args.instance}: {most} landings at once need as many instances, of 0 to {INSTANCES - 1}"
+        )
     try:
-        args.autopilot = program(args.autopilot)
-        most = min(args.at_once, args.landings)
-        if not 0 <= args.instance <= INSTANCES - most:
-            raise ConfigError(
-                f"--instance {args.instance}: {most} landings at once need as many instances, of 0 to {INSTANCES - 1}"
-            )
-        try:
-            import pymavlink  # noqa: F401
-        except ImportError:
-            raise MissingExtraError("pymavlink", "ardupilot") from None
-        source = find_config(args.config)
-        config = load_scenario(source, args.overrides)
-        if not isinstance(config, LandingScenario) or config.teams[config.landing.aircraft].count != 1:
-            raise ConfigError(f"{args.config}: needs the mission landing, with one aircraft")
-        args.threads = args.threads or 1
-        shared.start(args)
-        first, judges = config.evaluation.seed if args.seed is None else args.seed, []
-        kind: Any = mission_class(config, source).Judge
-        while len(judges) < args.landings:
-            count = min(args.at_once, args.landings - len(judges))
-            judges += land(args, config, source, first + len(judges), count)
-            if not args.quiet:
-                print(f"{len(judges)} of {args.landings}: {kind.line(kind.figures(judges, config))}", flush=True)
-        found = table(kind, kind.episodes(judges, config))
-        for key, (value, low, high) in found.items():
-            if value is not None:
-                print(f"{key:22} {value:8.3f}  [{low:.3f}, {high:.3f}]")
-        if args.json is not None:
-            told = {"landings": args.landings, "seed": first, "figures": found}
-            args.json.write_text(json.dumps(told, indent=1) + "\n")
-    except shared.user_errors() + (AutopilotError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    return 0
+        import pymavlink  # noqa: F401
+    except ImportError:
+        raise MissingExtraError("pymavlink", "ardupilot") from None
+    source = find_config(args.config)
+    config = load_scenario(source, args.overrides)
+    if not isinstance(config, LandingScenario) or config.teams[config.landing.aircraft].count != 1:
+        raise ConfigError(f"{args.config}: needs the mission landing, with one aircraft")
+    args.threads = args.threads or 1
+    shared.start(args)
+    first, judges = config.evaluation.seed if args.seed is None else args.seed, []
+    kind: Any = mission_class(config, source).Judge
+    while len(judges) < args.landings:
+        count = min(args.at_once, args.landings - len(judges))
+        judges += land(args, config, source, first + len(judges), count)
+        if not args.quiet:
+            print(f"{len(judges)} of {args.landings}: {kind.line(kind.figures(judges, config))}", flush=True)
+    found = table(kind, kind.episodes(judges, config))
+    for key, (value, low, high) in found.items():
+        if value is not None:
+            print(f"{key:22} {value:8.3f}  [{low:.3f}, {high:.3f}]")
+    if args.json is not None:
+        told = {"landings": args.landings, "seed": first, "figures": found}
+        args.json.write_text(json.dumps(told, indent=1) + "\n")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    from rl.commands.shared import run
+
+    sys.exit(run(main))
