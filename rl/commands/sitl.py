@@ -122,13 +122,17 @@ def serve(args: argparse.Namespace) -> None:
             driven = ", ".join(f"{abs(c)}{' reversed' if c < 0 else ''} {name}" for name, c in craft.channels.items())
             tell(f"{craft.name} on {args.address}:{places[craft.team, craft.number]}, channels {driven}")
         reel, shown = EpisodeReel(mission), EpisodeReel(mission)
-        known, events, count = set(), [], 0
+        # There is no time limit, and to stand on a deck from the beginning is no landing.
+        known = {(name, k, "late") for name, team in mission.teams.items() for k in range(team.fleet.count)}
+        known |= {(*vehicle, "landed") for vehicle in decks}
+        events, count = [], 0
         begun = printed = time.monotonic()
         try:
             with runtime.torch_at_rest():
                 while not args.duration or count * config.decision_interval < args.duration - 1e-9:
                     step = mission.step({name: policies[name](team) for name, team in mission.teams.items()})
                     count += 1
+                    known -= {(name, k, "landed") for name, k in decks if not world.teams[name].touch.on[0, k]}
                     new = events_of(step, count * config.decision_interval, known, mission.Judge.goals, 0)
                     events += new
                     for event in new:
