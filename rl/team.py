@@ -14,7 +14,7 @@ widths. A policy refuses observations other than those of its training, and name
 
 from collections.abc import Callable, Mapping
 from itertools import chain
-from typing import Any, ClassVar, Generic, Protocol, TypeVar, cast
+from typing import ClassVar, Generic, Protocol, TypeVar, cast
 
 import torch
 from torch import Tensor
@@ -141,7 +141,7 @@ class Team(Remembers, Generic[M, S]):
     # -- what others ask -------------------------------------------------------------------------------------------
 
     @property
-    def known(self) -> Any:
+    def known(self) -> object:
         """What the vehicles know, the input of classical controllers: an object with the attributes of a team.
 
         Default: the team itself, which is the ground truth.
@@ -150,7 +150,7 @@ class Team(Remembers, Generic[M, S]):
         return self.knowledge
 
     @property
-    def knowledge(self) -> Any:
+    def knowledge(self) -> object:
         """Where `known` lies, as it was when the vehicles last perceived; a team that measures overrides this."""
         return self
 

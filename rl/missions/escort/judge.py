@@ -1,7 +1,7 @@
 """Measurements of an escort: arrival of the boats, errors after it, sightings and news of the vessel."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol, Self
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,8 @@ from rl.evaluation.judge import (
     rms_of,
     team_error,
 )
+from rl.missions.escort.aircraft import EscortAircraft
+from rl.missions.escort.boats import EscortBoats
 from rl.missions.escort.config import EscortScenario
 from rl.missions.escort.host import Parts
 from rl.missions.escort.tracking import SharedTracking
@@ -31,13 +33,18 @@ class Escorted(Parts, Protocol):
     tracking: SharedTracking
 
     @property
-    def teams(self) -> Mapping[str, Any]:
+    def teams(self) -> Mapping[str, EscortBoats | EscortAircraft]:
         """Boats and aircraft by name."""
         ...
 
     @property
-    def boats(self) -> object | None:
+    def boats(self) -> EscortBoats | None:
         """The boats, if they take part."""
+        ...
+
+    @property
+    def aircraft(self) -> EscortAircraft | None:
+        """The aircraft, if they take part."""
         ...
 
 
@@ -102,8 +109,8 @@ class EscortJudge(ErrorJudge[Escorted, EscortScenario]):
         if self.boats:
             ready = alive & (time >= self.arrival + config.evaluation.settle_after)
             self.errors[number - 1, ready] = team.distance.cpu().numpy()[ready]
-        else:
-            sees = team.sees.any(-1).cpu().numpy()
+        elif (aircraft := mission.aircraft) is not None:
+            sees = aircraft.sees.any(-1).cpu().numpy()
             self.first_seen[alive & sees & np.isnan(self.first_seen)] = time
             since = alive & ~np.isnan(self.first_seen)
             self.since[since] += 1
@@ -111,7 +118,7 @@ class EscortJudge(ErrorJudge[Escorted, EscortScenario]):
             self.seen[alive] += sees[alive]
             self.after[alive & arrived] += 1
             self.seen_after[alive & arrived] += sees[alive & arrived]
-            square = team.gap_error.square().mean(-1).double().cpu().numpy()
+            square = aircraft.gap_error.square().mean(-1).double().cpu().numpy()
             self.gaps[alive & arrived] += square[alive & arrived]
         age = mission.tracking.of(self.name, mission.tracking.age)
         self.aware[alive] += (age <= config.escort.stale).double().mean(-1).cpu().numpy()[alive]

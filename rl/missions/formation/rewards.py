@@ -5,7 +5,7 @@
 """
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Protocol
 
 import torch
 from torch import Tensor
@@ -63,7 +63,6 @@ class Keeper(Protocol):
     """What rewards read of a team (team.py); tensors are [env, vehicle, ...]."""
 
     axes: int
-    section: Any
     fleet: Fleet[Vehicle]
     action: Tensor
     previous_action: Tensor
@@ -110,9 +109,9 @@ TERMS: dict[str, Callable[[Keeper, Endings, TrackingReward], Tensor]] = {
 """Terms of `reward = "tracking"`: name of the weight -> function of a team, its endings, and the weights."""
 
 
-def tracking(team: Keeper, ended: Endings) -> Tensor:
+def tracking(weights: TrackingReward, team: Keeper, ended: Endings) -> Tensor:
     """`reward = "tracking"`: the weighted sum of `TERMS`."""
-    return paid(TERMS, team.section.tracking_reward, team, ended)
+    return paid(TERMS, weights, team, ended)
 
 
 def paper(team: Keeper, ended: Endings) -> Tensor:

@@ -138,7 +138,9 @@ class TeamTask(ResidualTeam):
 
     def reward(self, ended: Endings) -> Tensor:
         """Rewards of rewards.py."""
-        return (rewards.paper if self.mission.config.reward == "paper" else rewards.tracking)(self, ended)
+        if self.mission.config.reward == "paper":
+            return rewards.paper(self, ended)
+        return rewards.tracking(self.section.tracking_reward, self, ended)
 
     def plan_cost(self, ended: Tensor) -> Tensor:
         """Squared distance from the slot, plus NEAR_COST and ENDED_COST."""
