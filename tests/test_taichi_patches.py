@@ -40,6 +40,7 @@ for name in sorted(after):
         print("changed", name)
 for owner, name, new in PATCHES:
     path = owner.__name__ if owner.__class__ is type(sys) else f"{owner.__module__}.{owner.__name__}"
+    new = new.__func__ if isinstance(new, staticmethod) else new
     assert (getattr(owner, name) is new) == runtime.PATCHED
     print("listed", path, name)
 """
