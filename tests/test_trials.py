@@ -167,6 +167,8 @@ def test_what_a_craft_cannot_do_it_says():
     ("nosuch", "no such vehicle"),
     ("cybership2 --trial stop", "cannot push astern"),
     ("cybership2 --set actions=sideways", "expected KEY=VALUE"),
+    ("cybership2 --set dt=0.1", "the step here is the command's own"),
+    ("cybership2 --set source=1", "no key of a vehicle file"),
     ("cybership2 --sea hs", "expected KEY=VALUE"),
     ("cybership2 --sea hs=99,tp=4", "hs"),
 ])  # fmt: skip

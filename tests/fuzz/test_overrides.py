@@ -44,7 +44,7 @@ def not_finite(config: Scenario) -> list[str]:
         }
         done = mission.step(actions)
         look(f"of step {step}", {f"reward of {name}": reward for name, reward in done.reward.items()})
-        mission.reset((done.terminated | done.truncated).nonzero().squeeze(1))
+        mission.reset(done.terminated | done.truncated)
     return found
 
 

@@ -41,6 +41,7 @@ from taichi_sim.models.usv.vessel_base import Vessel
 from taichi_sim.surroundings.sea import SteepSeaError
 from taichi_sim.vehicle import Vehicle
 
+ARGUMENTS = ("file", "dt", "substeps", "source")  # of load_vehicle, which the commands give
 VESSELS: dict[str, Callable[[Setting], Outcome]] = {
     "turning": ship.turning_circle,
     "zigzag10_10": lambda setting: ship.zigzag(setting, 10.0, 10.0),
@@ -83,6 +84,9 @@ def changes_of(overrides: Sequence[str]) -> Changes:
     for text in overrides:
         key, _, value = text.partition("=")
         *sections, last = key.strip().split(".")
+        if not sections and last in ARGUMENTS:
+            told = "the step here is the command's own" if last == "dt" else "no key of a vehicle file"
+            raise ConfigError(f"--set {text}: {told}")
         try:
             parsed = tomllib.loads(f"value = {value}")["value"]
         except tomllib.TOMLDecodeError:
