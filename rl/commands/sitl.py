@@ -132,7 +132,8 @@ def serve(args: argparse.Namespace) -> None:
                 while not args.duration or count * config.decision_interval < args.duration - 1e-9:
                     step = mission.step({name: policies[name](team) for name, team in mission.teams.items()})
                     count += 1
-                    known -= {(name, k, "landed") for name, k in decks if not world.teams[name].touch.on[0, k]}
+                    touches = {(name, k): world.teams[name].touch for name, k in decks}
+                    known -= {(*v, "landed") for v, of in touches.items() if of is not None and not of.on[0, v[1]]}
                     new = events_of(step, count * config.decision_interval, known, mission.Judge.goals, 0)
                     events += new
                     for event in new:

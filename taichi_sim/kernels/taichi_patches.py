@@ -77,7 +77,8 @@ def position(context: ASTTransformerContext, node: ast.expr | ast.stmt) -> str:
 
 def assign(context: ASTTransformerContext, node: ast.Assign) -> None:
     """Build `x = value` and `a, b = values`: a variable that is new is made once."""
-    target, value = node.targets[0], node.value
+    target = node.targets[0]
+    value: Any = node.value
     unpacked = isinstance(target, ast.Tuple)
     names = [getattr(x, "id", None) for x in (target.elts if unpacked else [target])]
     new = all(names) and len(set(names)) == len(names) and not any(map(context.is_var_declared, names))
@@ -85,7 +86,7 @@ def assign(context: ASTTransformerContext, node: ast.Assign) -> None:
         _build_assign(context, node)
         return
     build_stmt(context, value)
-    values, static = value.ptr, isinstance(value, ast.Call) and value.func.ptr is impl.static
+    values, static = value.ptr, isinstance(value, ast.Call) and getattr(value.func, "ptr", None) is impl.static
     if unpacked and not static and not isinstance(values, tuple | list):  # one vector: its entries are of a variable
         values = impl.expr_init(values)
     ASTTransformer.build_assign_unpack(context, target, values, static)
