@@ -62,6 +62,59 @@ torch.save(states, sys.argv[1])
 """
 
 
+ASSIGNMENTS = """
+import taichi as ti
+import torch
+
+from taichi_sim.kernels import runtime
+
+runtime.init(threads=1)
+
+
+@ti.func
+def pair(a, b):
+    a += 1.0
+    return a, b
+
+
+@ti.func
+def shifted(v: ti.template()):
+    v[0] += 10.0
+    return v
+
+
+@ti.kernel
+def assigned(out: ti.types.ndarray(dtype=ti.f32, ndim=1)):
+    for _ in range(1):
+        x = out[0]
+        y = x  # a copy
+        y += 2.0
+        a, b = pair(x, y)
+        a, b = b, a  # exchanged
+        p, q = x * 2.0, y * 2.0
+        p = q = p + q  # both
+        v = ti.Vector([x, y, p])
+        w = v
+        w[1] = -1.0
+        r, s, t = w + v
+        u = shifted(v)
+        u[0] += 100.0
+        one, two = ti.static(1.0, 2.0)
+        for n in range(2):
+            z = x + n
+            x = z
+        numbers = [x, y, a, b, p, q, v[0], v[1], w[0], w[1], r, s, t, u[0], one, two]
+        for k in ti.static(range(16)):
+            out[k + 1] = numbers[k]
+
+
+out = torch.zeros(17)
+out[0] = 3.0
+assigned(out)
+print(*out[1:].tolist())
+"""
+
+
 def run(program, *arguments, **environment):
     """What a program prints in a process of its own."""
     done = subprocess.run(
@@ -107,3 +160,15 @@ def test_the_physics_is_the_same_without_the_changes():
     command = [sys.executable, "-m", "pytest", "-n", "0", "-q", "-k", "not f64", *files]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, env=PATHS | SWITCH, timeout=3000)
     assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize("switch", [{}, pytest.param(SWITCH, marks=pytest.mark.slow)], ids=["on", "off"])
+def test_an_assignment_is_what_it_is_in_python(switch, tmp_path):
+    """Copies of numbers and vectors, exchanges, several targets, values of functions, a variable of a loop."""
+    file = tmp_path / "assignments.py"  # Taichi reads the source of a kernel
+    file.write_text(ASSIGNMENTS)
+    *_, found = run("import runpy, sys; runpy.run_path(sys.argv[1])", file, **switch)
+    x, y, a, b, both = 3.0 + 0.0 + 1.0, 5.0, 5.0, 4.0, 2 * 3.0 + 2 * 5.0
+    v, w = (3.0 + 10.0, 5.0), (3.0, -1.0)
+    summed = 3.0 + 3.0, 5.0 - 1.0, both + both
+    assert list(map(float, found.split())) == [x, y, a, b, both, both, *v, *w, *summed, v[0] + 100.0, 1.0, 2.0]
