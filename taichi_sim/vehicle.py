@@ -323,6 +323,11 @@ class Vehicle:
         shape = vary.shape[:-1]
         return torch.stack([torch.as_tensor(x, dtype=vary.dtype, device=vary.device).expand(shape) for x in found], -1)
 
+    @classmethod
+    def following(cls, data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the keys of a vehicle file with `changes` of whole keys, and with what follows from these."""
+        return {**data, **changes}
+
     def with_numbers(self, values: Mapping[str, float]) -> Any:
         """`Params` of the vehicle file with other `values`, by keys of `varying`.
 
@@ -339,7 +344,7 @@ class Vehicle:
                 holder[parents[-1]] = tuple(value if i == int(last) else x for i, x in enumerate(node))
             else:
                 node[last] = value
-        return type(self.params).model_validate(data)
+        return type(self.params).model_validate(self.following(self.params.model_dump(), data))
 
     def check_varies(self, key: str) -> None:
         """Refuse a key that cannot vary; the message names the nearest one that can.

@@ -70,9 +70,9 @@ def load_vehicle(
     """
     file = vehicle_file(TeamConfig(vehicle=str(file)))
     data = read_toml(file)
-    for key, value in changes.items():
-        data[key] = _merged(data.get(key), value)
     model = find_model(data.pop("model", None), file, source)
+    if changes:
+        data = model.following(data, {key: _merged(data.get(key), value) for key, value in changes.items()})
     _resolve_files(data, model.file_keys, file.parent)
     params = validate(model.Params, data, str(file))
     key = (model, params.model_dump_json(), dt, substeps, runtime.current().precision)

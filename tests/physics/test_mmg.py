@@ -58,7 +58,7 @@ def test_without_loads_a_hull_keeps_its_energy(make_model):
     """Of equal added mass ahead and abeam: what differs between them is the Munk moment, a part of N_v."""
     hull = dict.fromkeys(DERIVATIVES, 0.0) | {"R_0": 1e-12, "m_x": 0.1, "m_y": 0.1}
     rudder = {"area": 1e-12}
-    propeller = {"k_0": 1e-9, "k_1": 0.0, "k_2": 0.0}
+    propeller = {"k_0": 1e-9, "k_1": 0.0, "k_2": 0.0, "n_ahead": 1e-3}
     model = make_model(NAME, DT, 1, hull=hull, rudder=rudder, propeller=propeller, windage=VACUUM)
     p, rng = model.constants, np.random.default_rng(1)
     for u, v, r in rng.uniform(-1, 1, (20, 3)):

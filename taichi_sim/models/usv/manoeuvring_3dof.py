@@ -54,7 +54,7 @@ from taichi_sim.models.usv.planar_shared import (
     write_rates,
     write_state,
 )  # fmt: skip
-from taichi_sim.models.usv.vessel_base import Number, Vessel, steady_speed
+from taichi_sim.models.usv.vessel_base import Number, Vessel, check_top_speed, steady_speed
 from taichi_sim.surroundings.around_vehicles import Surroundings
 from taichi_sim.vehicle import Limits, UnstableStepError, VehicleParams
 
@@ -97,7 +97,23 @@ class Manoeuvring3dofParams(VehicleParams):
     wave_response: bool = True  # whether waves push the hull; it rides on them in any case
 
     @model_validator(mode="after")
-    def _inertia_is_positive(self):
+    def _signs_and_sizes(self):
+        for name in ("X_udot", "Y_vdot", "N_rdot"):
+            if (value := getattr(self, name)) > 0:
+                raise ValueError(f"{name} = {value}: an added mass on the diagonal is negative or 0 in these signs")
+        for axis, force, damping in (
+            ("Y", max(self.sway_force_max, self.surge_force_max), (self.Y_v, self.Y_vv)),
+            ("N", self.yaw_moment_max, (self.N_r, self.N_rr)),
+        ):
+            grows = any(damping) and math.isinf(steady_speed(force, -damping[0], -damping[1]))
+            if damping[0] > 0 or grows:
+                names = "Y_v, Y_vv" if axis == "Y" else "N_r, N_rr"
+                raise ValueError(
+                    f"{names} = {damping[0]}, {damping[1]} do not damp: damping is negative in these signs"
+                )
+        if self.X_u or self.X_uu or self.X_uuu:
+            keys = "surge_force_max, X_u, X_uu, X_uuu (negative in these signs)"
+            check_top_speed(self.steady_surge(self.surge_force_max), self.length, keys)
         if np.linalg.eigvalsh(self.M + self.M.T).min() <= 0:
             raise ValueError("mass, I_z, x_g and added mass must make a positive definite inertia matrix")
         return self

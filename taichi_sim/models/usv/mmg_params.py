@@ -13,30 +13,36 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
-from taichi_sim.models.usv.vessel_base import Windage, steady_speed
+from taichi_sim.models.usv.vessel_base import WaterDensity, Windage, check_top_speed, steady_speed
 from taichi_sim.vehicle import VehicleParams
 
 Count = Annotated[int, Field(ge=1, le=2)]
 Fraction = Annotated[float, Field(ge=0, lt=1)]
-Angle = Annotated[float, Field(gt=0, le=90)]
+Angle = Annotated[float, Field(ge=2, le=90)]  # less is a number of radians
+Along = Annotated[float, Field(ge=-1, le=1)]  # over the length; more is a number of metres
+Astern = Annotated[float, Field(ge=-1, le=0)]
+NonPositive = Annotated[float, Field(ge=-10, le=0)]
+SLENDEREST = 0.1  # least block coefficient
+GYRATION = 0.1, 0.6  # least and largest radius of gyration over the length
+SWIFTEST = 1.0  # largest Froude number: the polynomial is of hulls that displace water
 
 
 class HullPolynomial(Strict):
     """Resistance, and the polynomial of v' = v / U and r' = r L / U (eq. 7); derivatives not given are zero."""
 
-    R_0: Positive  # resistance in a straight run
+    R_0: Annotated[float, Field(gt=0, le=1)]  # resistance in a straight run
     X_vv: Finite = 0.0
     X_vr: Finite = 0.0
     X_rr: Finite = 0.0
     X_vvvv: Finite = 0.0
-    Y_v: Finite = 0.0
+    Y_v: NonPositive = 0.0
     Y_r: Finite = 0.0
     Y_vvv: Finite = 0.0
     Y_vvr: Finite = 0.0
     Y_vrr: Finite = 0.0
     Y_rrr: Finite = 0.0
     N_v: Finite = 0.0
-    N_r: Finite = 0.0
+    N_r: NonPositive = 0.0
     N_vvv: Finite = 0.0
     N_vvr: Finite = 0.0
     N_vrr: Finite = 0.0
@@ -60,7 +66,7 @@ class Propeller(Strict):
 
     count: Count = 1  # one on the centreline, or two abreast at the same speed
     diameter: Positive  # D, m
-    x: Finite  # x_P', position ahead of midships
+    x: Along  # x_P', position ahead of midships
     t_P: Fraction  # thrust deduction
     w_P0: Fraction  # wake fraction in a straight run
     C_1: NonNegative = 0.0  # coefficient of the wake in drift and turning
@@ -91,12 +97,12 @@ class Rudder(Strict):
     count: Count = 1  # each behind a propeller
     area: Positive  # A_R, m^2
     span: Positive  # H_R, m
-    x: Finite = -0.5  # x_R', position ahead of midships
+    x: Astern = -0.5  # x_R', position ahead of midships
     f_alpha: Positive | None = None  # gradient of the lift; default: Fujii's formula with `aspect_ratio`
     aspect_ratio: Positive | None = None  # Lambda; default: span^2 / area
     t_R: Finite = 0.0  # steering resistance deduction
     a_H: Finite = 0.0  # additional side force on the hull over that of the rudder
-    x_H: Finite = 0.0  # x_H', position of the additional side force
+    x_H: Along = 0.0  # x_H', position of the additional side force
     gamma_R_positive: Finite  # flow straightening where beta_R > 0
     gamma_R_negative: Finite  # flow straightening where beta_R < 0
     l_R: Finite  # l_R', effective position in beta_R = beta - l_R' r'
@@ -104,7 +110,7 @@ class Rudder(Strict):
     kappa: NonNegative  # acceleration of the slipstream
     angle_max_deg: Angle = 35.0
     time_constant: NonNegative = 0.0  # s
-    rate_deg: Positive  # deg/s
+    rate_deg: Annotated[float, Field(ge=0.5, le=1e3)]  # deg/s; less is a number of rad/s
 
     @property
     def lift_gradient(self) -> float:
@@ -150,7 +156,7 @@ class MmgSection(Strict):
 
     length: Positive  # L, between perpendiculars, m
     draft: Positive  # d, m
-    density: Positive  # rho, of the water, kg/m^3
+    density: WaterDensity  # rho, of the water, kg/m^3
     hull: HullOnPanels | None = None  # instead of the damping of surge, sway and yaw in [hydrodynamics]
     propeller: PropellerOnPanels
     rudder: RudderOnPanels
@@ -184,7 +190,7 @@ class MmgParams(VehicleParams):
     draft: Positive  # d, m
     height: Positive  # keel to the highest part, for drawing, m
     collision_radius: Positive  # m
-    density: Positive  # rho, of the water, kg/m^3
+    density: WaterDensity  # rho, of the water, kg/m^3
     displacement: Positive  # displaced volume, m^3
     x_G: Finite = 0.0  # centre of mass ahead of midships, m
     gyration: Positive  # radius of gyration in yaw about the centre of mass, m
@@ -197,8 +203,21 @@ class MmgParams(VehicleParams):
     @model_validator(mode="after")
     def _consistent(self):
         check_slipstream(self.propeller, self.rudder)
-        if not 0 < self.steady_speed(self.propeller.n_ahead) < math.inf:
+        block = self.displacement / (self.length * self.beam * self.draft)
+        if not SLENDEREST <= block <= 1:
+            raise ValueError(
+                f"displacement = {self.displacement} m^3 is {block:.3g} times length x beam x draft; hulls have "
+                f"{SLENDEREST} to 1"
+            )
+        if abs(self.x_G) > self.length / 2:
+            raise ValueError(f"x_G = {self.x_G} m is outside the hull: at most {self.length / 2:g} m from midships")
+        if not GYRATION[0] <= self.gyration / self.length <= GYRATION[1]:
+            low, high = (share * self.length for share in GYRATION)
+            raise ValueError(f"gyration = {self.gyration} m: a hull of this length has {low:.3g} to {high:.3g} m")
+        speed = self.steady_speed(self.propeller.n_ahead)
+        if not 0 < speed < math.inf:
             raise ValueError("propeller.k_0, k_1, k_2 with hull.R_0 give no steady speed at n_ahead")
+        check_top_speed(speed, self.length, "propeller.n_ahead (1/s), diameter, hull.R_0", SWIFTEST)
         return self
 
     @property

@@ -4,22 +4,26 @@
 # pyright: reportInvalidTypeForm=false
 
 import math
+from typing import Annotated
 
 import numpy as np
 import taichi as ti
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
 from torch import Tensor
 
 from taichi_sim.config import NonNegative, Strict
 from taichi_sim.fleet import Fleet
-from taichi_sim.kernels.conventions import DOWN, ELEVATION
+from taichi_sim.kernels.conventions import DOWN, ELEVATION, GRAVITY
 from taichi_sim.kernels.rigid_body import Number
 from taichi_sim.kernels.rotation import UPRIGHT
 from taichi_sim.vehicle import Vehicle, Waters
 
-__all__ = ["RHO_AIR", "Number", "Vessel", "Windage", "steady_speed", "wind_forces"]
+__all__ = ["RHO_AIR", "Number", "Vessel", "WaterDensity", "Windage", "check_top_speed", "steady_speed", "wind_forces"]
 
 RHO_AIR = 1.225  # kg/m^3, standard atmosphere at sea level
+WaterDensity = Annotated[float, Field(ge=900.0, le=1100.0)]  # kg/m^3, fresh and warm to salt and cold
+FASTEST = 6.0  # largest Froude number; racing hydroplanes reach some 8, hulls of these models do not
 STILL = 1e-9  # m^2/s^2; avoids a division by zero without wind
 
 
@@ -28,6 +32,19 @@ def steady_speed(load: float, a: float, b: float = 0.0, c: float = 0.0) -> float
     roots = np.roots([c, b, a, -load])
     ahead = roots.real[(np.abs(roots.imag) < 1e-9 * np.abs(roots)) & (roots.real > 0)]
     return float(ahead.min(initial=np.inf))
+
+
+def check_top_speed(speed: float, length: float, keys: str, fastest: float = FASTEST) -> None:
+    """Refuse a top speed (m/s) that no vessel of this length (m) has: a unit or a sign in `keys` is wrong.
+
+    Raises:
+        ValueError: naming the keys.
+    """
+    limit = fastest * math.sqrt(GRAVITY * length)
+    if not speed <= limit:
+        found = f"a top speed of {speed:.3g} m/s" if math.isfinite(speed) else "no top speed"
+        raise ValueError(f"{keys} give {found}; a vessel of {length:g} m makes {limit:.2g} m/s at most: a unit or a "
+                         "sign is wrong")  # fmt: skip
 
 
 class Vessel(Vehicle):

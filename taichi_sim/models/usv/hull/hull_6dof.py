@@ -29,6 +29,7 @@ import math
 import weakref
 from collections.abc import Mapping
 from functools import partial
+from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -53,7 +54,14 @@ from taichi_sim.models.usv.hull.geometry import HullGeometry, device_table
 from taichi_sim.models.usv.hull.hydrostatic_stability import check_floats
 from taichi_sim.models.usv.hull.mmg_drive import MmgDrive
 from taichi_sim.models.usv.hull.motion import largest_stable_dt, linear_motion, runge_kutta_step, strang_step
-from taichi_sim.models.usv.hull.params import Hull6DofParams, hull_numbers, symmetric, varying_keys, vector
+from taichi_sim.models.usv.hull.params import (
+    Hull6DofParams,
+    hull_numbers,
+    mass_followed,
+    symmetric,
+    varying_keys,
+    vector,
+)
 from taichi_sim.models.usv.hull.radiation import radiation_of
 from taichi_sim.models.usv.hull.thruster_set import ThrusterSet
 from taichi_sim.models.usv.vessel_base import Number, Vessel, steady_speed
@@ -73,6 +81,7 @@ TablesPack = ti.types.argpack(
 )
 """Tables of the parts: panels, their corners, the columns of the heads that they read, and wave lines (water.py);
 corners of the deck (geometry.py); filters of the memory, and diffraction in one sea (radiation.py)."""
+LIKE_PANELS, LIKE_DIAGONAL = (0.7, 1.4), (0.3, 2.0)  # sizes of the file over those of the panels
 KEPT = 4  # number of seas, and of steps in each, for which a model keeps tables
 SeaKey = tuple[int, int, tuple[int, ...]]  # address, version and shape of a sea's tensor
 
@@ -118,6 +127,7 @@ class Hull6Dof(Vessel):
         self.deck, self.by_panels = params.deck, params.restoring == "panels"
         self.geometry = HullGeometry.of(params.hull, body.mass, body.cg)
         self.gauge = self.geometry.gauge
+        self._check_sizes()
         if self.by_panels:
             try:
                 check_floats(self.geometry.hydrostatics)
@@ -149,22 +159,34 @@ class Hull6Dof(Vessel):
         self._generation = -1
         self._float, self._label = runtime.Launcher(motion.float_on_waves), runtime.Launcher(motion.find_label)
 
+    def _check_sizes(self) -> None:
+        """Refuse sizes of the file that are not those of its panels, with which wind, thrusters and collisions count.
+
+        Raises:
+            ConfigError: naming the key.
+        """
+        p, corners = self.params, self.geometry.panels.corners.reshape(-1, 3)
+        length, beam = np.ptp(corners, axis=0)[:2]
+        half = math.hypot(length, beam) / 2
+        for key, value, own, (least, most) in (
+            ("length", p.length, length, LIKE_PANELS), ("beam", p.beam, beam, LIKE_PANELS),
+            ("collision_radius", p.collision_radius, half, LIKE_DIAGONAL),
+        ):  # fmt: skip
+            if not least * own <= value <= most * own:
+                of = "half their diagonal" if own is half else "that of the panels"
+                allowed = f"{least * own:.3g} to {most * own:.3g}"
+                raise ConfigError(f"{key} = {value:g} m: allowed are {allowed}, for {of} is {own:.3g} m")
+
+    @classmethod
+    def following(cls, data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the keys of a vehicle file with `changes`; a published M_rb follows mass and CG."""
+        return mass_followed(data, changes)
+
     # -- numbers that vary -----------------------------------------------------------------------------------------
 
     def own(self, values: Mapping[str, Number]):
         """Compute the kernel's numbers (params.py) from `values`."""
         return hull_numbers(self.params, self.radiation, self.dt, values)
-
-    def with_numbers(self, values: Mapping[str, float]) -> Hull6DofParams:
-        """Return the `Params` of a vehicle file that differs from this one in `values`.
-
-        A published M_rb follows mass and CG (rigid_body.changed_mass).
-
-        Raises:
-            ValueError: for a key that cannot vary, or a value that the file does not accept.
-        """
-        params = super().with_numbers(values)
-        return params.model_copy(update={"rigid_body": self.params.rigid_body.changed(params.rigid_body)})
 
     def mobility(self, fleet: Fleet) -> Tensor:
         """Inverse [6, 6] of rigid-body inertia plus instantaneous added mass, from each vehicle's numbers."""

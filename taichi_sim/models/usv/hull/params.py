@@ -7,8 +7,9 @@ and trim of a hull on panels. `restoring = "linear"` keeps the published G, so m
 
 from collections import namedtuple
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import cache
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, Any, Literal, Protocol
 
 import numpy as np
 import torch
@@ -17,19 +18,20 @@ from torch import Tensor
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
 from taichi_sim.kernels.conventions import GRAVITY, RHO_SEA
-from taichi_sim.kernels.rigid_body import changed_mass, constant, rigid_body_mass
+from taichi_sim.kernels.rigid_body import changed_mass, rigid_body_mass
 from taichi_sim.models.contact.deck_and_legs import Deck
 from taichi_sim.models.usv.hull.mesh import HullShape
 from taichi_sim.models.usv.hull.thrusters import MOST_THRUSTERS, NamedThruster, PropellerPair, Thruster, Vector3
 from taichi_sim.models.usv.mmg import DERIVATIVES, OF_PARTS, part_numbers, polynomial_numbers
 from taichi_sim.models.usv.mmg_params import MmgSection
-from taichi_sim.models.usv.vessel_base import RHO_AIR, Number, Windage
+from taichi_sim.models.usv.vessel_base import RHO_AIR, Number, WaterDensity, Windage, check_top_speed, steady_speed
 from taichi_sim.vehicle import VehicleParams, left_of
 
 Diagonal = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
 Row = tuple[Finite, Finite, Finite, Finite, Finite, Finite]
 Matrix = tuple[Row, Row, Row, Row, Row, Row]
 Name = Annotated[str, Field(pattern="^[a-z][a-z0-9_]*$")]
+OFF_MASS, REACH = 1e-3, 1.0  # tolerated difference of M_rb from mass (1) and from mass times cg (m)
 ASYMMETRY = 1e-6  # tolerated asymmetry of a published M_rb over its largest entry, from its rounding
 OVERHANG = 1.1  # limit of a thruster's position over that of the hull's side, for outboard engines; assumed
 
@@ -50,6 +52,14 @@ class RigidBody(Strict):
             M = np.array(self.M_rb)
             if np.abs(M - M.T).max() > ASYMMETRY * np.abs(M).max():
                 raise ValueError("M_rb must be symmetric: row i, column j as row j, column i")
+            own = rigid_body_mass(self.mass, self.cg, np.zeros((3, 3)))
+            for i, j in np.argwhere(np.abs(M - own)[:3] > OFF_MASS * self.mass * np.array([1.0] * 3 + [REACH] * 3)):
+                raise ValueError(
+                    f"M_rb[{i}][{j}] = {M[i, j]:g}, and mass and cg make it {own[i, j]:g}: M_rb holds these, too; "
+                    "change all three, or give gyration in place of M_rb"
+                )
+            if np.linalg.eigvalsh(M)[0] <= 0:
+                raise ValueError("M_rb is not positive definite: its inertia is too small for mass and cg")
         return self
 
     @property
@@ -58,15 +68,6 @@ class RigidBody(Strict):
         if self.M_rb is not None:
             return np.array(self.M_rb)
         return rigid_body_mass(self.mass, self.cg, self.mass * np.diag(np.square(np.array(self.gyration))))
-
-    def changed(self, other: "RigidBody") -> "RigidBody":
-        """Return `other`, a copy of this with another mass or CG, with a published M_rb changed accordingly
-        (`changed_mass`).
-        """
-        if self.M_rb is None:
-            return other
-        M_rb = changed_mass(self.M_rb, self.mass, self.cg, other.mass, other.cg)
-        return other.model_copy(update={"M_rb": constant(M_rb)})
 
 
 class Hydrodynamics(Strict):
@@ -99,7 +100,7 @@ class Hydrodynamics(Strict):
     cross_flow_draft: NonNegative = 0.0  # m
     cross_flow_coefficient: NonNegative = 0.0  # 2-D drag coefficient of a section (Hoerner 1965)
     cross_flow_strips: Annotated[int, Field(ge=2, le=101)] = 21  # including both ends; width = length / (strips - 1)
-    cross_flow_density: Positive = RHO_SEA  # kg/m^3
+    cross_flow_density: WaterDensity = RHO_SEA  # kg/m^3
 
     @model_validator(mode="after")
     def _has_database(self):
@@ -168,6 +169,12 @@ class Hull6DofParams(VehicleParams):
                 "propeller, rudder), which is for [mmg] alone"
             )
         self._check_damping()
+        if self.all_thrusters:
+            force = sum(t.ahead for t in self.all_thrusters)
+            check_top_speed(
+                steady_speed(force, self.hydrodynamics.linear[0], self.hydrodynamics.quadratic[0]), self.length,
+                "the thrusters (n_max in rad/s, k_positive, thrust_max in N) and hydrodynamics.linear, quadratic",
+            )  # fmt: skip
         if self.thrusters and self.actuators:
             raise ValueError("give either [thrusters], two propellers, or [actuators.NAME], each by itself")
         h = self.hydrodynamics
@@ -241,6 +248,16 @@ class Hull6DofParams(VehicleParams):
     def weight(self) -> float:
         """Weight, N."""
         return self.rigid_body.mass * GRAVITY
+
+
+def mass_followed(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Keys of a vehicle file with `changes`; a published M_rb follows a change of mass or CG alone (`changed_mass`)."""
+    old, new = data.get("rigid_body"), changes.get("rigid_body")
+    if isinstance(old, dict) and isinstance(new, dict) and old.get("M_rb") and new.get("M_rb") == old["M_rb"]:
+        with suppress(TypeError, ValueError, KeyError, IndexError):  # wrong values are told by their own names
+            M_rb = changed_mass(old["M_rb"], old["mass"], old["cg"], float(new["mass"]), [float(x) for x in new["cg"]])
+            changes = {**changes, "rigid_body": {**new, "M_rb": tuple(map(tuple, M_rb))}}
+    return {**data, **changes}
 
 
 MASS, LAG = "rigid_body.mass", "thrusters.lag"
