@@ -62,6 +62,7 @@ class Host(Protocol):
 
 
 M = TypeVar("M", bound=Host)
+FLOATS = torch.float32, torch.float64
 
 
 class Team(Remembers, Generic[M, S]):
@@ -156,21 +157,43 @@ class Team(Remembers, Generic[M, S]):
 
     def ended(self) -> Endings:
         """All endings of the last step: the team's, those of its vehicles, and where they are no vehicles any more."""
-        vehicle = self.fleet.model.endings(self.fleet, self.mission.world)
-        return Endings({**self.endings(), **vehicle, DIVERGED: self.fleet.never})
+        vehicle, own = self.fleet.model.endings(self.fleet, self.mission.world), self.endings()
+        for name, flags in own.items():
+            self._checked(f"endings()[{name!r}]", flags, "bool [env, vehicle]", 2, torch.bool)
+        return Endings({**own, **vehicle, DIVERGED: self.fleet.never})
+
+    def _checked(self, what: str, value: object, expected: str, axes: int, *kinds: torch.dtype) -> None:
+        """Refuse what a team's class returns and is no tensor of all its vehicles, with `axes`, of one of `kinds`.
+
+        Raises:
+            TypeError: naming the class, `what`, and what is `expected`.
+        """
+        rows = (self.mission.num_envs, self.fleet.count)
+        if isinstance(value, Tensor) and value.dim() == axes and value.shape[:2] == rows and (
+            not kinds or value.dtype in kinds
+        ):  # fmt: skip
+            return
+        given = f"{value.dtype} {list(value.shape)}" if isinstance(value, Tensor) else type(value).__name__
+        raise TypeError(
+            f"{type(self).__name__}.{what} is {given}: expected is a tensor {expected}, of {rows[0]} and {rows[1]}"
+        )
 
     def paid(self, ended: Endings) -> Tensor:
         """`reward`, finite."""
         reward = self.reward(ended)
+        self._checked("reward()", reward, "float [env, vehicle]", 2, *FLOATS)
         return self.mission.finite(reward, lambda: f"the reward of {self.name!r}", lambda: self.reward(ended))
 
     def infos(self) -> dict[str, Tensor]:
         """`info`, finite."""
+        told = self.info()
+        for key, value in told.items():
+            self._checked(f"info()[{key!r}]", value, "[env, vehicle]", 2)
         return {
             key: self.mission.finite(
                 value, lambda key=key: f"{key!r} of {self.name!r}", lambda key=key: self.info()[key]
             )
-            for key, value in self.info().items()
+            for key, value in told.items()
         }
 
     @property
@@ -256,7 +279,10 @@ class Team(Remembers, Generic[M, S]):
 
     def observations_now(self) -> Tensor:
         """Compute `observations`, a fresh tensor."""
-        return torch.cat(list(self.observe().values()), dim=-1)
+        terms = self.observe()
+        for term, value in terms.items():
+            self._checked(f"observe()[{term!r}]", value, "float [env, vehicle, n]", 3, *FLOATS)
+        return torch.cat(list(terms.values()), dim=-1)
 
     def _about_observations(self) -> str:
         """What is observed and not finite, for a message."""

@@ -54,6 +54,9 @@ def test_starters_refuse_what_cannot_be_and_overwrite_nothing(tmp_path):
     for name in ("3x", "Quay", "a-b", ""):
         with pytest.raises(ConfigError, match="a name is of small letters"):
             starters.new_mission(name, tmp_path)
+    for name in ("torch", "json", "random", "rl", "class"):
+        with pytest.raises(ConfigError, match="which yours would hide"):
+            starters.new_mission(name, tmp_path)
     (tmp_path / "quay.py").write_text("mine")
     with pytest.raises(ConfigError, match="quay.py: exists already"):
         starters.new_mission("quay", tmp_path)

@@ -11,8 +11,9 @@ from refusal import assert_says
 
 from taichi_sim.applications.bench import Bench, pack_state
 from taichi_sim.config import ConfigError
-from taichi_sim.config.plugins import load_class, plugin_source
+from taichi_sim.config.plugins import imported_from, load_class, plugin_source
 from taichi_sim.models.catalogue import load_vehicle
+from taichi_sim.state.memory import StateError
 from taichi_sim.vehicle import Vehicle
 from taichi_sim.world import World
 
@@ -111,6 +112,33 @@ def test_packages_of_one_name_are_told_apart(tmp_path):
         assert load_class("my_fleet.boat:MyBoat", Vehicle, [tmp_path / name]).varying == (name,)
         assert plugin_source("my_fleet.boat:MyBoat", [tmp_path / name]) == package
     assert plugin_source("my_nothing:MyBoat", [tmp_path]) is None
+
+
+def test_each_module_has_the_helpers_beside_it_and_they_are_found_for_a_run(tmp_path):
+    for name in ("one", "two", "one"):
+        folder = tmp_path / name
+        folder.mkdir(exist_ok=True)
+        (folder / "my_helper.py").write_text(f'NAMES = ("{name}",)\n')
+        text = MODULE.read_text().replace('varying = ("mass", "drag")', "varying = NAMES")
+        (folder / f"my_{name}.py").write_text(f"from my_helper import NAMES\n{text}")
+        assert load_class(f"my_{name}:MyBoat", Vehicle, [folder]).varying == (name,)
+        assert {place.name for place in imported_from(folder)} == {"my_helper.py", f"my_{name}.py"}
+
+
+def test_a_copy_of_a_world_has_its_vehicles_whatever_the_file_says_by_now(write, tmp_path, monkeypatch):
+    file = write(module=tmp_path / "vehicles")
+    scenario = tmp_path / "harbour.toml"
+    scenario.write_text(SCENARIO)
+    monkeypatch.chdir(tmp_path)
+    world = World.from_scenario("harbour.toml", 1)
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert world.fork([0], 2).teams["ferry"].model is world.teams["ferry"].model
+    saved = world.snapshot()
+    file.write_text(file.read_text().replace("mass = 100.0", "mass = 300.0"))
+    assert world.fork([0], 2).teams["ferry"].model.params.mass == 100.0
+    with pytest.raises(StateError, match="another World: vehicles"):
+        World.from_scenario(scenario, 1).restore(saved)
 
 
 def test_a_module_that_is_in_use_already_is_not_replaced(write, tmp_path):

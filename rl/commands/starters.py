@@ -3,7 +3,10 @@
 A scenario is a copy of a shipped one; a vehicle and a mission are the examples of docs/extending.md, renamed.
 """
 
+import keyword
 import re
+import sys
+from importlib.machinery import PathFinder
 from pathlib import Path
 
 from rl.commands.tools_folder import bundle
@@ -60,7 +63,10 @@ def _examples(names: dict[str, str]) -> dict[str, str]:
 
 
 def _name(name: str) -> str:
-    """Return a name that can name a module; ConfigError for any other."""
+    """Return a name that can name a new module; ConfigError for any other."""
+    elsewhere = [place for place in sys.path if place and Path(place).resolve() != Path.cwd()]
+    if keyword.iskeyword(name) or name in sys.builtin_module_names or PathFinder.find_spec(name, elsewhere):
+        raise ConfigError(f"{name!r}: Python has a word or a module of this name, which yours would hide: another name")
     if not name.isidentifier() or name != name.lower():
         raise ConfigError(f"{name!r}: a name is of small letters, digits and _, and begins with a letter: harbour_2")
     return name

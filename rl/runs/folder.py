@@ -35,7 +35,7 @@ from rl.scenario import Scenario
 from taichi_sim.config import ConfigError
 from taichi_sim.config.files import files_of, named_files, with_files
 from taichi_sim.config.io import find_config, read_toml, replacing, toml_text, vehicle_file, write_toml
-from taichi_sim.config.plugins import is_plugin, plugin_source
+from taichi_sim.config.plugins import PluginError, imported_from, is_plugin, plugin_source
 from taichi_sim.models.catalogue import vehicle_files
 
 CONFIG, META, SUMMARY, DUMPS = "config.toml", "meta.json", "summary.json", "dumps"
@@ -201,12 +201,15 @@ def _keep_files(files: list[Path], out: Path, place: str) -> str:
 
 
 def _keep_plugin(name: str | None, beside: list[Path], out: Path) -> None:
-    """Copy the module of a `module:Class` into the run, unless installed, so that the run continues anywhere."""
-    if name is not None and is_plugin(name):
-        place = plugin_source(name, beside)
-        if place is not None and place.is_dir():
+    """Copy the module of a `module:Class` into the run, unless installed, and what it imported from its folder, so that
+    the run continues anywhere.
+    """
+    if name is None or not is_plugin(name) or (own := plugin_source(name, beside)) is None:
+        return
+    for place in {own, *imported_from(own.parent)}:
+        if place.is_dir():
             shutil.copytree(place, out / place.name, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
-        elif place is not None:
+        else:
             shutil.copyfile(place, out / place.name)
 
 
@@ -227,6 +230,8 @@ def load_config(run: Path, overrides=(), config: Path | None = None) -> tuple[Sc
         raise RunError(f"{run}: not a run folder (no {CONFIG} in it)")
     try:
         return load_scenario(file, overrides), file
+    except PluginError:
+        raise  # a module that the run or its folder lacks
     except ConfigError as error:
         if overrides and _loads(file):
             raise  # the overrides are wrong

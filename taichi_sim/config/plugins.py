@@ -48,7 +48,7 @@ def load_class(name: str, base: type | None = None, beside: Sequence[Path] = ())
         beside: folders to search first, those of the files that name it.
 
     Raises:
-        ConfigError: if the module cannot be found or imported, or has no such class.
+        ConfigError: if the module cannot be found or imported (PluginError), or has no such class.
     """
     module_name, _, attribute = name.partition(":")
     if not module_name or not attribute:
@@ -64,17 +64,29 @@ def load_class(name: str, base: type | None = None, beside: Sequence[Path] = ())
     return found
 
 
-_origins: dict[str, Path] = {}  # top-level names imported here from a folder -> that folder
+class PluginError(ConfigError):
+    """A user's module cannot be imported."""
+
+
+_origins: dict[str, Path] = {}  # top-level names imported here from a folder, and by what was -> that folder, the last
+_tops: dict[Path, set[str]] = {}  # folder -> all such names
+
+
+def imported_from(folder: Path) -> list[Path]:
+    """Files and package folders in `folder` that plug-ins were imported from, with what these imported from there."""
+    found = (plugin_source(f"{top}:", [folder]) for top in _tops.get(folder.resolve(), ()))
+    return [place for place in found if place is not None]
 
 
 def _import(name: str, module_name: str, folders: list[Path]) -> ModuleType:
     """Import the module from the first of `folders` that holds it, otherwise from the installed packages."""
     top = module_name.partition(".")[0]
     folder = next((folder.resolve() for folder in folders if top not in OURS and _holds(folder, module_name)), None)
-    # another module of that name was imported from another folder
-    if top in sys.modules and top in _origins and _origins[top] != folder:
-        for key in [key for key in sys.modules if key.partition(".")[0] == top]:
-            del sys.modules[key]
+    # other modules of these names were imported from other folders
+    others = {other for other, origin in _origins.items() if origin != folder}
+    others = {other for other in others if other == top or (folder and _holds(folder, other))}
+    for key in [key for key in sys.modules if key.partition(".")[0] in others]:
+        del sys.modules[key]
     if folder is None:
         return _imported(name, module_name)
     if top not in sys.modules:
@@ -84,17 +96,21 @@ def _import(name: str, module_name: str, folders: list[Path]) -> ModuleType:
             f"{name!r}: another {top} is in use already, of {getattr(sys.modules[top], '__file__', None)}: rename that "
             f"of {folder}"
         )
+    before = set(sys.modules)
     sys.path.insert(0, str(folder))
     try:
         return _imported(name, module_name)
     finally:
         sys.path.remove(str(folder))
+        helpers = {key for key in sys.modules.keys() - before if "." not in key and _lies_in(sys.modules[key], folder)}
+        _origins.update(dict.fromkeys(helpers, folder))
+        _tops.setdefault(folder, set()).update({top, *helpers})
 
 
 def _lies_in(top: ModuleType, folder: Path) -> bool:
     """Whether an imported top-level module or package comes from `folder`."""
     places = getattr(top, "__path__", None) or [getattr(top, "__file__", None) or ""]
-    return any(Path(place).resolve().parent == folder for place in places)
+    return any(place and Path(place).resolve().parent == folder for place in places)
 
 
 def _imported(name: str, module_name: str) -> ModuleType:
@@ -102,12 +118,12 @@ def _imported(name: str, module_name: str) -> ModuleType:
         return importlib.import_module(module_name)
     except ModuleNotFoundError as error:
         if error.name is not None and (module_name == error.name or module_name.startswith(f"{error.name}.")):
-            raise ConfigError(
+            raise PluginError(
                 f"{name!r}: no module {module_name!r} beside the file, in the working folder, or installed"
             ) from None
-        raise ConfigError(f"{name!r}: importing {module_name} failed: {error}") from error
+        raise PluginError(f"{name!r}: importing {module_name} failed: {error}") from error
     except Exception as error:  # any error in the user's module
-        raise ConfigError(f"{name!r}: importing {module_name} failed: {type(error).__name__}: {error}") from error
+        raise PluginError(f"{name!r}: importing {module_name} failed: {type(error).__name__}: {error}") from error
 
 
 def _holds(folder: Path, module_name: str) -> bool:
