@@ -632,6 +632,7 @@ def _through_north(motion):
     (_drawn([0, 1], 10), [29, 29, 300, 300], 1, ["position is drawn between others in 271 of 300 rows"]),
     (_rounded(2, np.radians(1.0)), [300] * 4, 1, []),  # a coarse compass is no slow one
     (_rounded(3, 0.01), [300] * 4, 1, []),
+    (_rounded([0, 1], 1.1), None, 1, None),  # degrees of five decimals: repeats and cells, no jumps
     (_off(0, 5.0), [300] * 4, 2, [r"position jumps by (4|5)\S* m at 10 s: no window spans it"]),
     (_off(1, -40.0, 101), [299, 299, 300, 300], 1, [r"position is off by (39|40)\S* m at 10 s, and back 0.1 s later"]),
     (_off(2, 0.5), [300] * 4, 1, ["heading jumps by 28 deg at 10 s", "only 10 to 29.9 s is used"]),
@@ -647,7 +648,11 @@ def test_repeats_and_jumps_are_found(change, new, parts, told):
     motion = plain + noise * [0.1, 0.1, np.radians(0.5), np.radians(0.2)]
     change(motion)
     found = inspected(t, motion, (slice(0, 300),))
-    assert found.new.sum(axis=0).tolist() == new and len(found.parts) == parts
+    assert len(found.parts) == parts
+    if new is None:
+        assert not any("jump" in note or "off by" in note for note in found.notes), found.notes
+        return
+    assert found.new.sum(axis=0).tolist() == new
     assert len(found.notes) == len(told)
     assert all(re.search(a, b) for a, b in zip(told, found.notes, strict=True)), found.notes
     if "jumps" not in str(told):
@@ -691,11 +696,19 @@ def _unfitted(vehicle, logs, priors, changes=None, tests=(), **_):
     keys, n = tuple(priors), len(priors)
     ones, nominal = np.ones(n), np.array([load_vehicle(vehicle, **dict(changes or {})).nominal[key] for key in keys])
     return Fit(
-        keys, nominal, nominal, 0.9 * nominal, 1.1 * nominal, ones > 0, np.eye(n), np.ones(4), np.ones(4),
+        keys, nominal, nominal, 0.9 * nominal, 1.1 * nominal, ones > 0, 0 * ones, np.eye(n), np.ones(4), np.ones(4),
         np.zeros((len(logs), 2)), np.zeros((len(logs), 3)), np.ones((len(logs), 3)), [], 1.0, 1.0, 1, {}, [], [],
         [Start(0 * ones, 0.0)], 1, 0.0,
         [estimate.Tested(log, np.zeros(2), np.ones(4), np.ones(4), []) for log in tests],
     )  # fmt: skip
+
+
+def test_numbers_far_from_the_file_are_told():
+    """Positions in feet made the moment of inertia 30 times the file's: 8.5 deviations of its prior."""
+    found = _unfitted("otter_3dof", [], {"X_u": 0.4, "I_z": 0.4})
+    assert not any("FAR" in line for line in command.lines(found, []))
+    told = "\n".join(command.lines(found._replace(surprise=np.array([1.0, 8.5])), []))
+    assert "FAR FROM THE FILE" in told and "I_z (+8.5)" in told and "X_u (" not in told
 
 
 @pytest.mark.parametrize("searches", [False, pytest.param(True, marks=pytest.mark.slow)])

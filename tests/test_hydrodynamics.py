@@ -198,6 +198,21 @@ def gdf(folder: Path, panels: np.ndarray) -> Path:
     return file
 
 
+def test_a_whole_hull_at_a_corner_is_no_half(tmp_path):
+    """Wigley's hull with its port side in y = 0, declared symmetric about that plane: it would be 2 hulls wide."""
+    x, z = np.meshgrid(np.linspace(-2, 2, 13), np.linspace(-0.3, 0, 5), indexing="ij")
+    side = np.stack((x, 0.5 * (1 - (x / 2) ** 2) * (1 - (z / 0.3) ** 2), z), axis=-1)
+    quads = np.stack((side[:-1, :-1], side[1:, :-1], side[1:, 1:], side[:-1, 1:]), axis=2).reshape(-1, 4, 3)
+    port = reverse(quads * [1, -1, 1])
+    file = gdf(tmp_path, np.concatenate([quads, port]) + [0.0, 0.5, 0.0])
+    file.write_text(file.read_text().replace("\n0 0\n", "\n0 1\n"))
+    with pytest.raises(ConfigError, match="only touches it, and is not open there"):
+        hulls.read_mesh(file, "m", 0.0, None, None)
+    half = gdf(tmp_path, quads)
+    half.write_text(half.read_text().replace("\n0 0\n", "\n0 1\n"))
+    assert hulls.read_mesh(half, "m", 0.0, None, None).volume == pytest.approx(4 * 0.3 * 4 / 9, rel=0.03)
+
+
 def test_a_mesh_is_cut_at_the_water_and_halved(tmp_path):
     found = hulls.read_mesh(gdf(tmp_path, closed_box(1000.0, 0.2)), "mm", 0.2, None, 4.0)
     assert found.volume == pytest.approx(4.0) and found.waterplane["A"] == pytest.approx(8.0)

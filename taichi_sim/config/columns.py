@@ -50,6 +50,7 @@ UNITS = {  # quantity -> unit -> factor to the unit in which it is wanted
     "number": {"-": 1.0, "1": 1.0},
 }  # fmt: skip
 _DIGITS = re.compile(r"(19|20)\d\d(0[1-9]|1[0-2])(0[1-9]|[12]\d|3[01])(([01]\d|2[0-3])([0-5]\d){0,2})?")  # yyyymmddhhmm
+_COMMA = re.compile(r"[+-]?\d+,\d+")  # a decimal comma
 _UNIT = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])]")
 
 
@@ -123,7 +124,9 @@ class Sheet:
         for k, (line, text) in enumerate(self._cells(place)):
             number = math.nan if missing and not text else self._number(text)
             if number is None:
-                raise self.wrong(line, f"{place.title} is not a number: {text!r}; leave out rows without a value")
+                way = ("write decimal points: commas part columns here" if _COMMA.fullmatch(text) else
+                       "leave out rows without a value")  # fmt: skip
+                raise self.wrong(line, f"{place.title} is not a number: {text!r}; {way}")
             if not (math.isfinite(number) or missing and math.isnan(number)):
                 raise self.wrong(line, f"{place.title} = {text}: numbers must be finite: leave out such rows")
             values[k] = number

@@ -1,9 +1,10 @@
 """The sections `[sea]` and `[sea.current]` of a scenario."""
 
+from datetime import UTC, date, datetime
 from pathlib import PurePath
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from taichi_sim.config.base import Finite, NonNegative, Positive, Strict, meant
 
@@ -14,6 +15,16 @@ CONSTITUENTS = {
     "M4": 57.9682084, "MS4": 58.9841042, "M6": 86.9523127,
 }  # fmt: skip
 
+
+def _as_text(given: object) -> object:
+    """A date or a time of TOML as text, UTC."""
+    if isinstance(given, datetime):
+        given = given if given.tzinfo is None else given.astimezone(UTC).replace(tzinfo=None)
+        return given.isoformat(" ", "minutes")
+    return given.isoformat() if isinstance(given, date) else given
+
+
+Moment = Annotated[str, BeforeValidator(_as_text)]
 File = Annotated[str, Field(min_length=1)]
 
 
@@ -123,7 +134,7 @@ class SeaConfig(Strict):
     """
 
     spectrum: Spectrum = "jonswap"  # a name of SPECTRA, or a file of measured spectra
-    record: str | None = None  # record of that file: a time, "2020-06-08 03:50" (UTC), or "all"; omitted: the latest
+    record: Moment | None = None  # record of that file: a time, "2020-06-08 03:50" (UTC), or "all"; omitted: the latest
     site: Annotated[int, Field(ge=0)] | None = None  # number of the site in a file with several sites, from 0
     hs: Height | None = None  # m
     tp: Period | None = None  # s

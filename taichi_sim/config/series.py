@@ -25,6 +25,7 @@ from taichi_sim.config.columns import Place, Sheet, no_direction
 from taichi_sim.kernels import runtime
 
 WAYS = (("speed", "direction_deg"), ("north", "east"))
+LATEST = 3600.0  # s, the first row; missions begin their episodes in the first hour
 DAYS = 30_000.0  # from here on lie days since 1900, since the year 0 or of Julius, as spreadsheets and MATLAB count
 ALIKE = 0.5, 0.1  # m/s and share of the speed, within which two statements of one velocity agree
 FASTEST_WIND, FASTEST_CURRENT = 60.0, 10.0  # m/s; assumed, a series with a higher speed is refused
@@ -95,6 +96,10 @@ def _read(path: Path, stamp: int, blows_from: bool) -> tuple[np.ndarray, np.ndar
             raise sheet.wrong(sheet.line(0), f"{at.title} = {time[0]:g}: days of a spreadsheet? Rows are {step:g} s "
                               f"apart. Give ISO dates, or the unit: {at.title} [s], [h] or [days]")  # fmt: skip
     time = time - time[0] if dates else time
+    if time[0] >= LATEST:
+        why = "later than episodes (0 to 1 h), which would have the first row alone"
+        raise sheet.wrong(sheet.line(0), f"{at.title} begins at {time[0]:g} s, {why}: seconds of a day, a week? Count "
+                          "from 0, or give ISO dates")  # fmt: skip
     velocity = _by_components(sheet, one, other) if way == WAYS[1] else _by_angle(sheet, one, other, blows_from)
     also = [place for name in WAYS[1] if (place := sheet.find(name))]
     if way == WAYS[0] and len(also) == 2:

@@ -66,6 +66,17 @@ def test_era5(tmp_path):
     file = open_spectra(tmp_path / "era5.nc")
     as_expected(file)
     assert file.place == "50.00 N 10.00 W"
+    few = xarray.Dataset({"d2fd": (dims, data[:, :, 3:13])}, {k: v for k, v in coords.items() if k != "frequency"})
+    few.to_netcdf(tmp_path / "few.nc")
+    with pytest.raises(ConfigError, match="d2fd has 10 frequencies without their numbers"):
+        open_spectra(tmp_path / "few.nc")
+
+
+def test_parts_of_a_spectrum_are_no_places(tmp_path):
+    sea = xarray.open_dataset(model(tmp_path / "sea.nc", GOES_TO))
+    xarray.concat([sea, sea], "part").to_netcdf(tmp_path / "parts.nc")
+    with pytest.raises(ConfigError, match=r"efth has 2 parts or realisations \(part\)"):
+        open_spectra(tmp_path / "parts.nc")
 
 
 def moments():
@@ -124,7 +135,9 @@ def written(folder, rows):
 @pytest.mark.parametrize("lacks", [(), ("a1", "b1", "a2", "b2")])
 def test_spotter(tmp_path, lacks):
     """Moments, or the mean direction and the spread sqrt(2 (1 - r1)) that replace them."""
-    for file in written(tmp_path, spotter(**dict.fromkeys(lacks))):
+    files = written(tmp_path, spotter(**dict.fromkeys(lacks)))
+    (tmp_path / "list.json").write_text(f"[{files[0].read_text()}]")
+    for file in (*files, tmp_path / "list.json"):
         as_expected(open_spectra(file))
 
 
@@ -150,6 +163,7 @@ def test_a_spotters_bands_are_as_wide_as_it_states(tmp_path):
         ({"a1": np.full(39, 9.99), "direction": None}, "first moment of the directions is"),
         ({"df": np.zeros(39)}, "widths of its bands must be above 0"),
         ({"varianceDensity": np.ones(38)}, "cut short|38 columns"),
+        (dict.fromkeys(("a1", "b1", "a2", "b2")) | {"directionalSpread": np.full(39, 0.6)}, "must be in degrees"),
         ({"timestamp": "2022-05-01T00:00:00Z"}, "2022-05-01 00:00 is there twice, and differs"),
         ({"varianceDensity": np.where(np.arange(39) == 7, -9999.0, 0.1)}, "has no density at 0.09766"),
         ({"varianceDensity": [None] * 39}, "has no spectrum"),
@@ -230,6 +244,7 @@ def test_a_convention_in_any_attribute_of_directions_is_used(tmp_path, toward, a
         ({"unit": "m2 s"}, "per degree or per radian is not said"),
         ({"unit": "cm2 s rad-1"}, "is in cm2"),
         ({"unit": "mm2 s rad-1"}, "is in mm2"),
+        ({"factor": 1e4}, "are they in cm"),
         ({"f": 2 * np.pi * FREQUENCY, "f_unit": ""}, "steeper than a wave can be"),  # rad/s, unsaid
         ({"factor": 180 / np.pi, "unit": ""}, "steeper than"),  # per turn or so
         ({"name": "d2fd", "unit": "", "f": np.arange(1, 29), "f_unit": ""}, "no logarithms"),

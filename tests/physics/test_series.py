@@ -101,6 +101,7 @@ def test_a_world_follows_the_time_of_each_environment(tmp_path, scenario):
         ("time,north,east\n", ("no row",)),
         ("time,north,east\n0,1,2\n0,1,3\n", ("line 3", "rise")),
         ("time,north,east\n0,1,two\n", ("line 2", "two")),
+        ('time,north,east\n0,"1,5",2\n', ("line 2", "decimal points")),
         ("time,north,east\n0,1\n", ("line 2", "cut short")),
         ("time,north,east\n0,nan,1\n", ("line 2", "finite")),
         ("time,speed,direction_deg\n0,-1,20\n", ("line 2", "0 or more")),
@@ -178,6 +179,7 @@ def test_what_marks_a_missing_value_is_none(tmp_path, row, part):
         (("2460432", "2460433"), "days of a spreadsheet"),
         (("122.0", "122.5"), "days of a spreadsheet"),
         (("20240501", "20240502"), "line 2: time = 20240501 reads as a date"),
+        (("43200", "43260"), "line 2: time begins at 43200 s, later than episodes"),  # of the day
         (("2024050112", "2024050113"), "reads as a date"),
         (("2024-05-01 12:00+02:00", "2024-05-01 13:00"), "line 3: .* others have none"),
     ],

@@ -59,6 +59,7 @@ USUAL: dict[type[Vehicle], tuple[str, ...]] = {
                       "yaw_moment_max"),
 }  # fmt: skip
 SEEN, DELAY = 3.0, 0.005  # a delay is reported from this many deviations, and this many seconds, on
+FAR = 4.0  # deviations of a prior beyond which a fitted number is doubtful
 CLOSE = 0.95  # correlations of two numbers above this are reported
 
 
@@ -102,6 +103,10 @@ def lines(found: Fit, logs: list[Log]) -> list[str]:
                                                      found.told, strict=True):  # fmt: skip
         note = "" if known else "  the data do not tell it: as believed before"
         told.append(f"  {key:{wide}}{before:12.5g}{value:12.5g}{low:14.5g}{high:14.5g}{note}")
+    far = [f"{key} ({times:+.1f})" for key, times in zip(found.keys, found.surprise, strict=True) if abs(times) > FAR]
+    if far:
+        told.append(f"  FAR FROM THE FILE, in deviations of what is believed beforehand: {', '.join(far)}.")
+        told.append("  Is a unit of the logs wrong (feet, degrees, a faster clock), or are they of another vehicle?")
     for change in found.unknown:
         together = ", ".join(f"{found.keys[k]} {100 * np.expm1(change[k]):+.0f} %" for k in _largest(change))
         told.append(f"  the data do not tell these changes, all made together, from none: {together}")

@@ -109,6 +109,7 @@ class Fit(NamedTuple):
     low: Array  # bounds of the 95 % intervals
     high: Array
     told: NDArray[np.bool_]  # whether the data determine the number, rather than the prior
+    surprise: Array  # how far the logarithms are from the file's, over the prior's deviation
     correlation: Array  # [number, number]
     sigma: Array  # deviation of the residuals by channel: m, m, rad, rad/s
     spread: Array  # factors by which dependent residuals widen it, by channel
@@ -345,7 +346,7 @@ def fit(
         before, after = (float(np.sqrt(((x.left / noise) ** 2).sum() / other.new.sum())) for x in (by_file, by_fit))
         tracks += _tracks(other, by_fit, by_file)
     return Fit(
-        keys, nominal, nominal * np.exp(phi), low, high, told, covariance / np.outer(deviation, deviation),
+        keys, nominal, nominal * np.exp(phi), low, high, told, phi / prior, covariance / np.outer(deviation, deviation),
         sigma / problem.spread, problem.spread, extra[:, CURRENT], extra[:, DELAYS],
         _delay_deviations(normal, len(logs)), list(unlike.values()), before, after, rounds, _odd(normal, prior), tracks,
         _directions(normal.S, prior), others, starts, took,

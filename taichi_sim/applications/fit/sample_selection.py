@@ -5,6 +5,7 @@ Such rows say nothing new. A GNSS that changes its solution makes a vessel jump.
 here, in the position, the heading and the yaw rate, each by itself.
 """
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
@@ -23,6 +24,7 @@ FEW = 3  # repeats that are no sign of anything
 BENDS, REGULAR = 1e-3, 0.8  # a line: its typical bend over that of knots; share of the knots that are equally far apart
 # a jump: robust standard deviations of the change between samples, and the least: of a position (m; assumed), of a
 # heading (rad; assumed), and what a vessel's acceleration explains (m/s^2; assumed)
+CELLS, NO_STEP = 2.0, 1e-4  # cells of rounded places that a jump exceeds; m, less is no step
 DEVIATIONS, LEAST_M, LEAST_RAD, ACCELERATION = 6.0, 0.2, np.radians(5.0), 2.0
 TOGETHER = 15  # samples within which jumps are one: there and back
 NAMED = 3  # jumps of a log that are named one by one
@@ -150,6 +152,9 @@ def _position_jumps(t: Array, motion: Array, new: Mask, begin: int) -> list[_Jum
     change = np.hypot(*np.diff(v, axis=0).T)
     size = dt * np.minimum(np.r_[change[:1], change], np.r_[change, change[-1:]])
     least = np.maximum(DEVIATIONS * RAYLEIGH * np.median(change * dt[1:]), LEAST_M) + ACCELERATION * dt**2
+    steps = np.abs(np.diff(p, axis=0))
+    cell = [column[column > NO_STEP].min(initial=np.inf) for column in steps.T]  # m, of places that are rounded
+    least += CELLS * math.hypot(*(c for c in cell if c < np.inf))
     found = []
     for a, b in _groups(np.flatnonzero(size > least)):
         around = [v[k] for k in (a - 1, b + 1) if 0 <= k < len(v)]

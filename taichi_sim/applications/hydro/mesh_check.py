@@ -40,6 +40,7 @@ Whole = NDArray[np.int64]
 LONGEST, SHORTEST = 500.0, 0.1  # m; few ships are longer and no vehicle is shorter, so the unit is wrong
 # Tolerances over the mesh's size
 MERGE = 1e-6  # corners this close are one
+PROFILE = 0.3  # share of the length over which a half hull is open in its plane of symmetry, at least
 DRY = 1e-4  # corners this close to the water lie in its surface
 GAP = 5e-4  # open edges this close to each other are joined (panels of neighbouring patches that do not match)
 TIE = 1e-5  # crossings this close are at one place
@@ -132,6 +133,14 @@ def _check_half(wet: Array, axis: int, size: float, name: str) -> None:
         raise ConfigError(f"{declared} has panels on both sides of it: write 0 for no symmetry, or delete one side")
     if (flat := (np.abs(x) < tiny).all(axis=1)).any():
         raise ConfigError(f"{declared} has {flat.sum()} panels in that plane: delete them, they are inside the hull")
+    ends = np.stack((wet, np.roll(wet, -1, axis=1)), axis=2)  # of edges [n, 4, 2, 3]
+    inside, along = ends[(np.abs(ends[..., axis]) < tiny).all(axis=2)], 1 - axis
+    reach = np.ptp(inside[..., along]) if len(inside) else 0.0
+    if np.abs(x).min() < tiny and reach < PROFILE * np.ptp(wet[..., along]):
+        raise ConfigError(
+            f"{declared} only touches it, and is not open there: is it a whole hull whose origin is at its side? Move "
+            "it to its centreplane, or write 0 for no symmetry"
+        )
 
 
 def _flush(panels: Array, axis: int, tiny: float) -> Array:

@@ -27,6 +27,7 @@ from taichi_sim.surroundings.sea.measured.spectra import FEWEST_ANGLES, Gridded,
 if TYPE_CHECKING:
     from xarray import DataArray, Dataset
 
+ECMWF_FREQUENCIES = (25, 29, 30, 36)  # numbers of frequencies of ECMWF's spectra
 ECMWF_ANGLES = (24, 36)  # directions of ECMWF's spectra since ERA-Interim
 _ZERO = r"(?! (?:the )?(?:true |magnetic )?(?:north|east|x))"  # from north is where an angle begins
 FROM = re.compile(rf"from.direction|(?:com\w+|travel\w*|propagat\w+|direction) from{_ZERO}|from which|\bfrom\)|"
@@ -40,6 +41,7 @@ FIRST, RATIO = 0.03453, 1.1  # Hz; frequencies of ECMWF's spectra
 FAINTEST = 30.0  # of ECMWF's logarithms; larger ones of either sign are marks of missing values
 SEAWATER, GRAVITY = 1025.0, 9.81  # kg/m^3, m/s^2; of SWAN's energy densities (its defaults)
 TIMES, FREQUENCIES = ("time", "valid_time", "waveTime"), ("frequency", "freq", "frequencyNumber", "waveFrequency")
+PARTS = "part", "partition", "system", "realization", "realisation", "ensemble", "member", "number"
 DIRECTIONS = ("direction", "dir", "directionNumber")
 GOOD = (1, 2)  # CDIP's flags of records: good, not evaluated (3 questionable, 4 bad, 9 missing)
 
@@ -79,6 +81,11 @@ def _of_a_model(path: Path, data: "Dataset", variable: str) -> Gridded:
         energy = energy if name in energy.dims else energy.expand_dims(name)
     time, direction = time or "time", direction or "direction"
     where = [name for name in energy.dims if name not in (time, frequency, direction)]
+    for name in where:
+        if str(name).lower() in PARTS and energy.sizes[name] > 1:
+            raise ConfigError(
+                f"{variable} has {energy.sizes[name]} parts or realisations ({name}): write their sum, or one of them"
+            )
     energy = energy.stack(place=where, create_index=False) if where else energy.expand_dims("place")
     places = _places(data, energy) if where else [path.stem]
     values = np.asarray(energy.transpose(time, "place", frequency, direction), dtype=float)
@@ -111,6 +118,11 @@ def _axis(energy: "DataArray", known: tuple[str, ...]) -> str | None:
 def _frequencies(data: "Dataset", name: str, variable: str) -> tuple[np.ndarray, bool]:
     """Frequencies, Hz, and whether the file has them in rad/s."""
     if variable == "d2fd":
+        if name not in data.coords and data.sizes[name] not in ECMWF_FREQUENCIES:
+            raise ConfigError(
+                f"d2fd has {data.sizes[name]} frequencies without their numbers, and ECMWF's spectra "
+                f"{', '.join(map(str, ECMWF_FREQUENCIES))}: write the file with the coordinate {name}"
+            )
         return FIRST * RATIO ** (_numbers(data, name) - 1), False
     if name not in data.coords:
         raise ConfigError(f"{name} has no values")

@@ -20,6 +20,7 @@ from taichi_sim.surroundings.sea.measured.record import band_edges
 
 FEWEST_ANGLES = 3  # directions of a directional spectrum, at least
 EVEN = 0.1  # relative tolerance for the spacing of directions, which text rounds
+MARKS = 2  # marks of missing values in a file, at most; more large values are values
 MOST = 1e4  # m^2/Hz; no sea is so dense (20 m and 20 s have 3e3), larger numbers mark missing values
 ROUNDED = 0.05  # tolerance of a moment above 1
 TILES = 0.2  # of a band's width, within which rounded bands may overlap or leave gaps
@@ -130,6 +131,12 @@ def checked(path: Path, data: Gridded) -> tuple[Gridded, np.ndarray]:
             f"{path}: its frequencies must be two or more, and rise from above 0: {data.frequency[:9]} Hz"
         )
     density = data.density[order].astype(float)
+    beyond = density[np.isfinite(density) & (density >= MOST)]
+    if np.unique(beyond).size > MARKS:
+        raise ConfigError(
+            f"{path}: densities go to {beyond.max():.3g} m^2/Hz, and no sea has {MOST:g}: are they in cm^2/Hz? Divide "
+            "them by 10,000"
+        )
     with np.errstate(invalid="ignore"):
         density[~((density >= 0) & (density < MOST))] = np.nan
     density = _without_marks(density)

@@ -21,6 +21,7 @@ from taichi_sim.config import ConfigError
 from taichi_sim.config.columns import LATEST, Sheet
 from taichi_sim.surroundings.sea.measured.spectra import Gridded, agreed
 
+NARROWEST = 2.0  # deg, the widest spread of a record, at least; less is a number of radians
 NEEDED = ("f", "varianceDensity")
 GIVEN = ("df", "a1", "b1", "a2", "b2", "direction", "directionalSpread")
 OF_JSON = {"f": "frequency"}  # names in JSON where they differ from the CSV's
@@ -38,7 +39,7 @@ def read_spotter(path: Path) -> Gridded:
         ConfigError: for a file that lacks something or has another form.
     """
     text = path.read_text(encoding="utf-8-sig", errors="replace")
-    times, columns = _of_json(text) if text.lstrip().startswith("{") else _of_csv(path)
+    times, columns = _of_json(text) if text.lstrip().startswith(("{", "[")) else _of_csv(path)
     frequency = columns["f"][0]
     if not (columns["f"] == frequency).all():
         k = int((columns["f"] != frequency).any(axis=1).argmax())
@@ -69,6 +70,8 @@ def _moments(columns: dict[str, np.ndarray]) -> tuple[np.ndarray | None, np.ndar
         return c1, -(columns["a2"] - 1j * columns["b2"]) if second else np.full(c1.shape, np.nan + 0j)
     if stated is None or "directionalSpread" not in columns:
         return None, None
+    if 0 < np.nanmax(columns["directionalSpread"]) < NARROWEST:
+        raise ConfigError("directionalSpread is below 2 everywhere: directions and spreads must be in degrees")
     r1 = np.clip(1 - np.deg2rad(columns["directionalSpread"]) ** 2 / 2, 0.0, 1.0)
     c1 = r1 * np.exp(1j * np.deg2rad(stated))
     return c1, np.full(c1.shape, np.nan + 0j)
@@ -77,7 +80,12 @@ def _moments(columns: dict[str, np.ndarray]) -> tuple[np.ndarray | None, np.ndar
 def _of_json(text: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Times and columns [t, f] of the API's JSON."""
     try:
-        rows = json.loads(text)["data"]["frequencyData"]
+        answer = json.loads(text)
+        if isinstance(answer, list):
+            if len(answer) != 1:
+                raise ConfigError(f"it holds {len(answer)} answers of the API: write a file of each")
+            answer = answer[0]
+        rows = answer["data"]["frequencyData"]
         stamps = [_moment(row["timestamp"]) for row in rows]
         found = {}
         for name in (*NEEDED, *GIVEN):
