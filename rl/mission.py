@@ -17,6 +17,7 @@ knows or observes, at the latest before the next step: once a decision, for envi
 have begun anew. Whoever asks before a reset has the last observations of an episode.
 """
 
+import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
@@ -35,7 +36,7 @@ from rl.perception.due import BEGINS, GOES_ON, Due
 from rl.scenario import Scenario, derive_seed
 from rl.step import COLLIDED, DIVERGED, Endings, Step
 from rl.team import ControllerError, Team
-from taichi_sim.config.arguments import Envs, environments, whole_number
+from taichi_sim.config.arguments import Envs, environments, names, whole_number
 from taichi_sim.config.base import number, span
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import Noise
@@ -127,6 +128,9 @@ class Mission(Stateful, Generic[C, T]):
         num_envs, seed = whole_number(num_envs, "num_envs", 1), whole_number(seed, "seed")
         self.config, self.num_envs, self.seed, self.source = config, num_envs, seed, source
         if teams is not None:
+            teams = names(teams, "teams")
+            if not teams:
+                raise ValueError(f"teams = []: a mission has some of {', '.join(config.teams)}")
             teams = [*teams, *(name for name in config.scripted if name not in teams)]
         self.world = self.remember(
             self.make_world(config, num_envs, seed=derive_seed(seed, "sea"), teams=teams, source=source)
@@ -150,8 +154,9 @@ class Mission(Stateful, Generic[C, T]):
         self.divergence = self.remember(Divergence(self, self.world, self.device))
 
     def _alike(self, num_envs: int) -> "Mission":
-        """Another mission of the same scenario, seed and teams."""
-        return type(self)(self.config, num_envs, seed=self.seed, teams=tuple(self.world.teams), source=self.source)
+        """Another mission of the same scenario, seed, teams and vehicles."""
+        with self.world.vehicles():
+            return type(self)(self.config, num_envs, seed=self.seed, teams=tuple(self.world.teams), source=self.source)
 
     def made(self) -> tuple[str, ...]:
         """Names of the teams whose classical controllers are in use."""
@@ -394,6 +399,8 @@ class Mission(Stateful, Generic[C, T]):
             drawn = environments(seas, self.world.sea.num_seas, "seas", whole=True, twice=True, one="sea")
             if len(drawn) != len(rows):
                 raise ValueError(f"{len(drawn)} seas for {len(rows)} environments")
+        if where:
+            inspect.signature(self.begin).bind(rows, **where)  # a TypeError before anything moves
         if len(rows):
             self.divergence.begin(rows)
             self._reset(rows, drawn, where)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
-from taichi_sim.config.arguments import Envs, environments
+from taichi_sim.config.arguments import Envs, environments, numbers
 from taichi_sim.config.base import number
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.conventions import (
@@ -410,7 +410,7 @@ class Fleet(Views[M]):
 
     def _checked(self, key: str, value: ArrayLike | Tensor, shape: tuple[int, int]) -> Tensor:
         """Values [n, vehicle], float64, of a parameter; the vehicle file's rules check the extreme ones."""
-        given = torch.as_tensor(value, dtype=torch.float64, device=self.state.device)
+        given = numbers(value, f"{self.name}: {key}").to(self.state.device, torch.float64)
         if not bool(given.isfinite().all()):
             raise ValueError(f"{self.name}: {key} = {value}: must be finite")
         try:

@@ -6,7 +6,8 @@ scripted teams, but neither trains nor judges them.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Self
 
@@ -14,13 +15,21 @@ import torch
 from numpy.typing import ArrayLike
 
 from taichi_sim.config import ConfigError, WorldConfig
-from taichi_sim.config.arguments import ActionError, Envs, checked_action, environments, whole_number
+from taichi_sim.config.arguments import (
+    ActionError,
+    Envs,
+    checked_action,
+    environments,
+    names,
+    numbers,
+    whole_number,
+)
 from taichi_sim.config.base import number, span
 from taichi_sim.config.io import find_config, load_world, vehicle_file
 from taichi_sim.config.plugins import load_class
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.conventions import EAST, STATE_SIZE, SURFACE_SIZE
+from taichi_sim.kernels.conventions import EAST, QUATERNION, STATE_SIZE, SURFACE_SIZE
 from taichi_sim.kernels.random import Noise
 from taichi_sim.kernels.rotation import DERIVED_SIZE
 from taichi_sim.models.catalogue import load_vehicle, step_of
@@ -36,7 +45,9 @@ from taichi_sim.surroundings.sea.current import Current
 from taichi_sim.vehicle import UnstableStepError, Vehicle
 
 APART = 8.0  # collision radii between neighbours of a team that no mission has placed; assumed
+OFF_UNIT = 0.01  # tolerated difference of a quaternion's norm from 1
 FEW = 32  # environments that are placed at once and whose surroundings are kept; assumed
+_vehicles: Mapping[str, Vehicle] = {}  # of the world of which a copy is being made, by team
 
 
 class Script(Remembers):
@@ -111,9 +122,9 @@ class World(Stateful):
         """
         run = self.program = runtime.current()
         self.num_envs = num_envs = whole_number(num_envs, "num_envs", 1)
-        self.config, self._source = config, source
+        self.config, self._source = config, source and source.resolve()
         self.seed = whole_number(config.seed if seed is None else seed, "seed")
-        models = {name: self._model(name) for name in (config.teams if teams is None else teams)}
+        models = {name: self._model(name) for name in (config.teams if teams is None else names(teams, "teams"))}
         self._check_memory(models)
         self.sea, self.conditions = realise(config, self.seed)
         self._highest_crest = float(self.sea.components.amplitude.sum(axis=1).max())
@@ -143,8 +154,19 @@ class World(Stateful):
             script.begin(self, everywhere)
 
     def _alike(self, num_envs: int) -> Self:
-        """Another world of the same configuration, seed and teams."""
-        return type(self)(self.config, num_envs, seed=self.seed, teams=tuple(self.teams), source=self._source)
+        """Another world of the same configuration, seed, teams and vehicles."""
+        with self.vehicles():
+            return type(self)(self.config, num_envs, seed=self.seed, teams=tuple(self.teams), source=self._source)
+
+    @contextmanager
+    def vehicles(self) -> Iterator[None]:
+        """Within this context, new worlds have the vehicles of this one, whatever their files say by now."""
+        global _vehicles
+        before, _vehicles = _vehicles, {name: fleet.model for name, fleet in self.teams.items()}
+        try:
+            yield
+        finally:
+            _vehicles = before
 
     def __repr__(self) -> str:
         """Size, time and teams; present sea, current and wind."""
@@ -165,6 +187,8 @@ class World(Stateful):
         """The vehicle model of the team of that name."""
         if name not in self.config.teams:
             raise ValueError(f"there is no team {name!r}: allowed are {', '.join(self.config.teams) or 'none'}")
+        if name in _vehicles:
+            return _vehicles[name]
         section = self.config.teams[name]
         file = vehicle_file(section, self._source)
         substeps = self.config.substeps(name, step_of(file))
@@ -371,17 +395,22 @@ class World(Stateful):
 
         Raises:
             ValueError: for an unknown team, environments that do not exist or are named twice, or a state of another
-                shape or that is not finite; nothing has moved then.
+                shape, that is not finite, or whose quaternions are none; nothing has moved then.
         """
         self.program.check()
         if name not in self.teams:
             raise ValueError(f"there is no team {name!r}: there are {', '.join(self.teams) or 'none'}")
         fleet, rows = self.teams[name], environments(envs, self.num_envs, whole=True)
-        state = torch.as_tensor(state).detach().to(fleet.state)
+        state = numbers(state, f"{name}: the state").to(fleet.state)
         if tuple(state.shape) != (expected := (len(rows), *fleet.state.shape[1:])):
             raise ValueError(f"{name}: the state has shape {tuple(state.shape)}, expected {expected}")
         if not math.isfinite(state.sum()) and not state.isfinite().all():
             raise ValueError(f"{name}: the state at which to place vehicles is not finite")
+        turned = state[..., QUATERNION].norm(dim=-1)
+        if len(rows) and float((turned - 1.0).abs().max()) > OFF_UNIT:
+            least, most = float(turned.min()), float(turned.max())
+            raise ValueError(f"{name}: quaternions (w, x, y, z) have norms from {least:.3g} to {most:.3g}: attitudes "
+                             "have 1; rotation.level_states makes states")  # fmt: skip
         if not len(rows):
             return
         around = self._placing(name, rows)

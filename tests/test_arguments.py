@@ -1,9 +1,12 @@
 """What callers hand in is taken for one thing alone, or refused by name: environments, actions, counts, seeds."""
 
+import math
+
 import numpy as np
 import pytest
 import torch
 
+from taichi_sim.applications.bench import Bench
 from taichi_sim.config.arguments import checked_action, environments, numbers, whole_number
 from taichi_sim.state import snapshot
 from taichi_sim.world import ActionError, World
@@ -132,6 +135,8 @@ def test_vehicles_are_placed_where_and_as_they_can_be_or_nothing_moves():
         ("usv", [3], right, "environment 3"),
         ("usv", [0, 2], right, r"shape \(1, 1, 13\), expected \(2, 1, 13\)"),
         ("usv", [0], right * torch.nan, "not finite"),
+        ("usv", [0], torch.zeros(1, 1, 13), "norms from 0"),
+        ("usv", [0], np.ma.masked_values(right.numpy(), 7.0), "masked"),
     ):
         with pytest.raises(ValueError, match=told):
             world.place(team, envs, where)
@@ -141,6 +146,41 @@ def test_vehicles_are_placed_where_and_as_they_can_be_or_nothing_moves():
         with pytest.raises(ValueError, match="envs"):
             fleet.set_numbers({"mass": 70.0}, envs)
     assert torch.equal(fleet.state, before)
+
+
+@pytest.mark.parametrize("sea", [-1, 2, 10**6, 0.5])
+def test_a_sea_that_does_not_exist_is_refused(sea):
+    world = World.from_scenario("paper", 2, overrides=SMALL, teams=("usv",))
+    here, at = world.sea, ([0.0], [0.0])
+    for ask in (
+        lambda: here.elevation(*at, 0.0, sea), lambda: here.elevation_grid(*at, 0.0, sea),
+        lambda: here.waves_at(0.0, sea), lambda: here.mean_level(sea),
+    ):  # fmt: skip
+        with pytest.raises((IndexError, ValueError), match="sea"):
+            ask()
+    world.env_sea[0] = 50
+    before = world.teams["usv"].state.clone()
+    with pytest.raises(IndexError, match="sea 50: there are 0 to 1"):
+        world.step({"usv": torch.zeros_like(world.teams["usv"].action)})
+    assert torch.equal(world.teams["usv"].state, before)
+
+
+def test_a_bench_takes_what_its_vehicle_has():
+    bench = Bench("otter_3dof", envs=2)
+    for call, told in (
+        (lambda: bench.step((0.0, 0.0, 0.0)), r"has shape \[3\]: \[2\], or what broadcasts"),
+        (lambda: bench.step((0.0, 0.0), times=-1), "times = -1"),
+        (lambda: bench.put(position=(0.0, 0.0, math.nan)), "position is not finite"),
+        (lambda: bench.put(euler=(0.0, 0.0)), "euler has shape"),
+    ):
+        with pytest.raises(ValueError, match=told):
+            call()
+    assert float(bench.time[0]) == 0.0 and bench.state.isfinite().all()
+
+
+def test_names_of_teams_are_a_list():
+    with pytest.raises(ValueError, match=r"teams = 'usv': a list of names is expected"):
+        World.from_scenario("paper", 1, overrides=SMALL, teams="usv")
 
 
 def test_numbers_of_python_keep_their_digits():

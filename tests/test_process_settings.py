@@ -39,6 +39,10 @@ def doubles():
         torch.set_default_dtype(torch.float32)
 
 
+def halves():
+    return torch.autocast("cpu", dtype=torch.bfloat16)
+
+
 @contextlib.contextmanager
 def nowhere():
     torch.set_default_device("meta")
@@ -70,12 +74,20 @@ def rolled(scenario, steps=6):
 def test_settings_of_torch_change_no_number(scenario):
     """To the bit, in dtype too; and what is made in inference mode works outside, on the other side as well."""
     expected = rolled(scenario)
-    for setting in (doubles, nowhere, torch.inference_mode):
+    for setting in (doubles, nowhere, torch.inference_mode, halves):
         with setting():
             found = rolled(scenario)
         assert len(found) == len(expected)
         for mine, right in zip(found, expected, strict=True):
             assert mine.dtype == right.dtype and torch.equal(mine, right), setting
+
+
+def test_products_keep_their_precision_under_autocast():
+    ones = torch.ones(2, 2)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        with runtime.own_settings():
+            assert (ones @ ones).dtype == torch.float32
+        assert (ones @ ones).dtype == torch.bfloat16
 
 
 def test_what_is_made_in_inference_mode_works_outside():

@@ -168,13 +168,13 @@ class BatchedEnv:
         joint |= {name: team.command(given[name]) for name, team in self._acting.items()}
         step = mission.step(joint)
         over = step.terminated | step.truncated
-        terminated = {name: step.endings[name].any for name in self._acting}
+        terminated = {name: step.endings[name].any.clone() for name in self._acting}
         truncated = {name: over.unsqueeze(1) & ~ended for name, ended in terminated.items()}
         infos = {
-            name: {key: value.clone() for key, value in team.infos().items()} | dict(step.endings[name])
+            name: {key: value.clone() for key, value in (team.infos() | dict(step.endings[name])).items()}
             for name, team in self._acting.items()
         }
-        rewards = {name: step.reward[name] for name in self._acting}
+        rewards = {name: step.reward[name].clone() for name in self._acting}
         if self.autoreset:
             mission.reset(over)
         else:

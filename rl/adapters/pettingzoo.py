@@ -88,7 +88,9 @@ class ParallelMission(ParallelEnv[str, np.ndarray, np.ndarray]):
     def reset(
         self, seed: int | None = None, options: dict[str, object] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, float | bool]]]:
-        """Begin the next episode of one random sequence, which `seed` starts anew. There are no options."""
+        """Begin the next episode of one random sequence, which `seed` starts anew. There are no options: any are taken,
+        as PettingZoo's own tests ask.
+        """
         observations = self._env.reset(seed)
         self._pictures.keep()
         self.agents = self.possible_agents[:]

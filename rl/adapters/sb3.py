@@ -5,6 +5,9 @@ SubprocVecEnv nor DummyVecEnv is needed. One action and one observation hold all
 (rl/adapters/gymnasium.py).
 """
 
+from collections.abc import Sequence
+from typing import cast
+
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 
@@ -30,11 +33,17 @@ class TeamVecEnv(VecEnv):
         """Adapt `envs`, made by `gymnasium.make_vec("taichi_sim/...")` or `TeamVectorEnv(...)`.
 
         Raises:
-            ValueError: if `envs` is another environment, or its autoreset mode is not "SameStep".
+            ValueError: if `envs` is another environment, or has Gymnasium's wrappers, or its autoreset mode is not
+                "SameStep".
         """
         self.envs = envs.unwrapped
         if not isinstance(self.envs, TeamVectorEnv):
             raise ValueError(f"{envs}: not a vector environment of taichi_sim")
+        if self.envs is not envs:
+            raise ValueError(
+                f"{type(envs).__name__} of Gymnasium would not act on the last observations of episodes: hand over "
+                "envs.unwrapped, and wrap the result by VecNormalize, VecMonitor ... of Stable-Baselines3"
+            )
         if self.envs.autoreset_mode is not AutoresetMode.SAME_STEP:
             raise ValueError(f"autoreset_mode = {self.envs.autoreset_mode.value!r}: only 'SameStep' is allowed")
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
@@ -43,15 +52,16 @@ class TeamVecEnv(VecEnv):
 
     def reset(self) -> np.ndarray:
         """Begin a new episode in every environment and put the infos into `reset_infos`."""
-        observations, infos = self.envs.reset(seed=self._seeds[0])
+        observations, infos = self.envs.reset(seed=self._seeds[0], options=self._options[0] or None)
         self._reset_seeds()
+        self._reset_options()
         self._return[:], self._length[:] = 0.0, 0
         self.reset_infos = self._listed(infos)
         return observations
 
     def step_async(self, actions: np.ndarray) -> None:
         """Store the actions for the next `step_wait`."""
-        self._actions = actions
+        self._actions = np.array(actions)
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, object]]]:
         """Take one decision in every environment; return observations, rewards, dones and infos."""
@@ -69,6 +79,10 @@ class TeamVecEnv(VecEnv):
     def close(self) -> None:
         """Close the environments."""
         self.envs.close()
+
+    def get_images(self) -> Sequence[np.ndarray | None]:
+        """Pictures of all environments, for `render` and VecVideoRecorder."""
+        return cast(Sequence[np.ndarray], self.envs.render() or ())
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[object]:
         """An attribute that the environments share, once for each of `indices`."""

@@ -160,12 +160,12 @@ class Bench:
         """Place every vehicle; each argument is [3] or broadcasts to [env, vehicle, 3]: NED m, rad, m/s, rad/s.
 
         With `settle` the vehicles are brought to rest, or into trim, at these places (`Vehicle.settle`).
+
+        Raises:
+            ActionError: for what is not finite, or does not broadcast; nothing has moved.
         """
-        shape = (*self.state.shape[:2], 3)
-        place, angles, v, omega = (
-            torch.as_tensor(np.asarray(x, dtype=np.float64)).expand(shape).to(self.state)
-            for x in (position, euler, velocity_b, angular_velocity_b)
-        )
+        place, angles = self._spread(position, "position", 3), self._spread(euler, "euler", 3)
+        v, omega = self._spread(velocity_b, "velocity_b", 3), self._spread(angular_velocity_b, "angular_velocity_b", 3)
         self.state[..., POSITION], self.state[..., VELOCITY] = place, v
         self.fleet.remainder.zero_()
         self.state[..., QUATERNION] = torch_quaternion_from_euler(*angles.unbind(-1))
@@ -176,6 +176,18 @@ class Bench:
         self.model.reset_aux(self.fleet.aux, self.state, self.around)
         self.fleet.update()
         return self
+
+    def _spread(self, given: ArrayLike | Tensor, name: str, size: int) -> Tensor:
+        """Finite numbers, spread over all vehicles: [env, vehicle, size]."""
+        values, shape = numbers(given, f"{name}'s entries").to(self.state), (*self.state.shape[:2], size)
+        if not values.isfinite().all():
+            raise ActionError(f"an entry of {name} is not finite")
+        try:
+            return values.expand(shape)
+        except RuntimeError:
+            raise ActionError(
+                f"{name} has shape {list(values.shape)}: [{size}], or what broadcasts to {list(shape)}, is expected"
+            ) from None
 
     @runtime.own_settings()
     def refresh(self) -> None:
@@ -207,10 +219,8 @@ class Bench:
         Raises:
             ActionError: for an action that is not finite or no numbers; nothing has moved.
         """
-        given = numbers(action, "the action's entries").to(self.state)
-        if not given.isfinite().all():
-            raise ActionError("an entry of the action is not finite")
-        self.fleet.action.copy_(given.expand_as(self.fleet.action))
+        times = whole_number(times, "times")
+        self.fleet.action.copy_(self._spread(action, "the action", self.fleet.action.shape[-1]))
         interval = self.fleet.dt * self.model.substeps
         for _ in range(times):
             self._tell()

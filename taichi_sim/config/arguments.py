@@ -6,7 +6,7 @@ are whole, and what could be either is refused.
 
 import math
 import operator
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from typing import TypeAlias
 
@@ -39,6 +39,17 @@ def whole_number(given: object, name: str, least: int = 0) -> int:
             if (number := operator.index(given)) >= least:  # pyright: ignore[reportArgumentType]
                 return number
     raise ValueError(f"{name} = {given!r} must be a whole number, at least {least}")
+
+
+def names(given: object, what: str) -> tuple[str, ...]:
+    """Names, as of teams.
+
+    Raises:
+        ValueError: if they are no list of strings; one string is none.
+    """
+    if isinstance(given, str) or not isinstance(given, Iterable):
+        raise ValueError(f"{what} = {given!r}: a list of names is expected, [{given!r}]")
+    return tuple(map(str, given))
 
 
 def _tensor(given: object) -> Tensor:

@@ -216,7 +216,7 @@ def apply_overrides(data: Table, overrides: Iterable[str], kind: type[WorldConfi
         ConfigError: for an override that is not of that form.
     """
     values, sources = {}, {}
-    for text in overrides:
+    for text in [overrides] if isinstance(overrides, str) else overrides:
         key, (_, equals, value) = key_of(text), text.partition("=")
         if not equals or not all(key.split(".")):
             raise ConfigError(f"--set {text}: expected KEY=VALUE, for example --set usv.count=5")
@@ -248,7 +248,13 @@ def set_values(data: Table, values: Mapping[str, object], kind: type[WorldConfig
 
 
 def key_of(override: str) -> str:
-    """KEY of an override `KEY=VALUE`, without quotes around its parts."""
+    """KEY of an override `KEY=VALUE`, without quotes around its parts.
+
+    Raises:
+        ConfigError: if it is no text.
+    """
+    if not isinstance(override, str):
+        raise ConfigError(f"override {override!r}: a text KEY=VALUE is expected, as 'sea.hs=1.0'")
     return override.partition("=")[0].strip().replace('"', "")
 
 

@@ -291,10 +291,10 @@ def few(items: int, each: float = 100.0) -> bool:
 class own_settings(contextlib.ContextDecorator):  # noqa: N801 (a context, used like a function)
     """Within this context, torch has the settings that this package relies on, whatever the caller's are.
 
-    New tensors are float32 and on the CPU unless told otherwise, and can be written in place, also when
-    `torch.inference_mode` has ended. Whether gradients are recorded stays as it is. Other threads wait: Taichi compiles
-    in one thread at a time, and these settings are those of the process. Where all is as it should be, entering and
-    leaving take a microsecond.
+    New tensors are float32 and on the CPU unless told otherwise, products have the precision of their factors (no
+    `torch.autocast`), and results can be written in place, also when `torch.inference_mode` has ended. Whether
+    gradients are recorded stays as it is. Other threads wait: Taichi compiles in one thread at a time, and these
+    settings are those of the process. Where all is as it should be, entering and leaving take a microsecond.
 
     Raises:
         ProgramError: in a process that was forked from one in which Taichi ran.
@@ -311,7 +311,8 @@ class own_settings(contextlib.ContextDecorator):  # noqa: N801 (a context, used 
         dtype = torch.get_default_dtype()
         elsewhere = torch._C._len_torch_function_stack() > 0  # a default device is a mode on this stack
         self._changed: contextlib.ExitStack | None = None
-        if dtype is not torch.float32 or elsewhere or torch.is_inference_mode_enabled():
+        halves = [kind for kind in ("cpu", "cuda") if torch.is_autocast_enabled(kind)]
+        if dtype is not torch.float32 or elsewhere or halves or torch.is_inference_mode_enabled():
             self._changed = changed = contextlib.ExitStack()
             recorded = torch.is_grad_enabled()
             changed.enter_context(torch.inference_mode(False))
@@ -321,6 +322,8 @@ class own_settings(contextlib.ContextDecorator):  # noqa: N801 (a context, used 
                 changed.callback(torch.set_default_dtype, dtype)
             if elsewhere:
                 changed.enter_context(torch.device("cpu"))
+            for kind in halves:
+                changed.enter_context(torch.autocast(kind, enabled=False))
 
     def __exit__(self, *_: object) -> None:
         """Change it back."""

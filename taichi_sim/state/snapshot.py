@@ -28,7 +28,7 @@ import torch
 from pydantic import BaseModel
 from torch import Tensor
 
-from taichi_sim.config.arguments import Envs, environments
+from taichi_sim.config.arguments import Envs, environments, whole_number
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import FIRST_FORKED, Noise
 from taichi_sim.state.memory import AGAIN, NUMBERS, Kind, Remembers, StateError, declared, undeclared, version, versions
@@ -187,16 +187,30 @@ def checked(root: Any) -> _Walk:
     return found
 
 
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _kind(root: Any) -> tuple[object, ...]:
+    """What two worlds or missions must have in common; quick to compare where objects are the same."""
+    params = tuple(fleet.model.params for fleet in _fleets(root))
+    return type(root), root.config, root.seed, tuple(root.teams), params
+
+
+def _fleets(root: Any) -> list[Any]:
+    return list(getattr(root, "world", root).teams.values())
+
+
 def about(root: Any) -> dict[str, object]:
     """Identity of a world or mission, whatever its number of environments."""
     kind, config = type(root), root.config
-    digest = hashlib.sha256(config.model_dump_json().encode()).hexdigest()[:16]
     return {
         "class": f"{kind.__module__}.{kind.__qualname__}",
         "scenario": getattr(config, "name", ""),
-        "configuration": digest,
+        "configuration": _digest(config.model_dump_json()),
         "seed": root.seed,
         "teams": list(root.teams),
+        "vehicles": [_digest(fleet.model.params.model_dump_json()) for fleet in _fleets(root)],
         "precision": runtime.current().precision,
     }
 
@@ -299,6 +313,11 @@ def _envs(given: Envs, num_envs: int, name: str, *, twice: bool = False) -> Tens
 def _check_noise(noise: str) -> None:
     if noise not in ("shared", "own"):
         raise StateError(f"noise = {noise!r}: allowed are 'shared' and 'own'")
+
+
+def _check_fork(into: object) -> None:
+    if into is not None and not isinstance(into, Stateful):
+        raise StateError(f"into = {into!r}: an earlier fork is expected")
 
 
 def _size(source: _Walk) -> float:
@@ -421,20 +440,26 @@ class Stateful(Remembers):
         """
         self.program.check()
         rows = _envs(envs, self.num_envs, "envs", twice=True)
-        if copies < 1 or not len(rows):
-            raise StateError(f"a fork of {len(rows)} environments, {copies} copies each: there is nothing in it")
+        if not len(rows):
+            raise StateError("a fork of no environments: there is nothing in it")
+        try:
+            copies = whole_number(copies, "copies", 1)
+        except ValueError as error:
+            raise StateError(str(error)) from None
         _check_noise(noise)
+        _check_fork(into)
         this: Any = self
         rows, source = rows.repeat_interleave(copies), walk(self) if into else checked(self)
         total = len(rows)
         if into is None:
             check_memory(_size(source), total)
             into = this._alike(total)
-        elif (into.num_envs, type(into), into.config, into.seed) != (total, type(self), this.config, this.seed):
+        elif (into.num_envs, _kind(into)) != (total, _kind(self)):
             raise StateError(
                 f"`into` is a {type(into).__name__} of {into.num_envs} environments, scenario "
-                f"{getattr(into.config, 'name', '')!r}, seed {into.seed}: the fork has {total} of "
-                f"{type(self).__name__}, {getattr(this.config, 'name', '')!r}, seed {this.seed}"
+                f"{getattr(into.config, 'name', '')!r}, seed {into.seed}, teams {', '.join(into.teams)}: the fork has "
+                f"{total} of {type(self).__name__}, {getattr(this.config, 'name', '')!r}, seed {this.seed}, teams "
+                f"{', '.join(this.teams)}, with the same vehicles"
             )
         into.make(self.made())
         target, write = {entry.path: entry for entry in walk(into).entries}, _Writer()

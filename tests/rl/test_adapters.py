@@ -53,6 +53,11 @@ def test_stable_baselines_is_told_what_it_cannot_take(vec_env):
         kind(gymnasium.make(IDS[0], overrides=SHORT))
     with pytest.raises(ValueError, match="only 'SameStep'"):
         kind(make_vec(IDS[0], autoreset_mode="NextStep"))
+    with pytest.raises(ValueError, match="TransformReward of Gymnasium"):
+        kind(gymnasium.wrappers.vector.TransformReward(make_vec(IDS[0]), lambda reward: 0.0 * reward))
+    vec_env.set_options({"nonsense": 1})
+    with pytest.raises(ValueError, match="nonsense"):
+        vec_env.reset()
     before = vec_env.envs.task.teams["usv"].fleet.state.clone()
     with pytest.raises(ValueError, match="must be finite"):
         vec_env.step(np.full(vec_env.envs.action_space.shape, np.nan))

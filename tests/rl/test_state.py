@@ -297,7 +297,7 @@ def test_a_snapshot_makes_the_controllers_whose_memory_it_holds():
 
 def test_what_cannot_be_is_refused_and_nothing_is_written(monkeypatch):
     mission, other = begun("lanes", 3), begun("lanes", 4)
-    saved = mission.snapshot()
+    saved, fewer = mission.snapshot(), World(mission.config, 3, teams=["usv"])
     everywhere = everything(mission)
     wrong = {
         "3 environments, not 4": lambda: other.restore(saved),
@@ -308,7 +308,11 @@ def test_what_cannot_be_is_refused_and_nothing_is_written(monkeypatch):
         "name environment 3: there are 0 to 2": lambda: mission.fork([0, 3], 2),
         "environment 1 twice": lambda: mission.copy([0, 2], [1, 1]),
         "1 source_envs for 2": lambda: mission.copy([0], [1, 2]),
-        "nothing in it": lambda: mission.fork([0], 0),
+        "nothing in it": lambda: mission.fork([], 2),
+        "copies = 0 must be a whole": lambda: mission.fork([0], 0),
+        "copies = 2.0 must be a whole": lambda: mission.fork([0], 2.0),  # type: ignore[arg-type]
+        "into = 'x': an earlier fork": lambda: mission.fork([0], into="x"),
+        "teams usv, uav, with the same": lambda: mission.world.fork([0], 3, into=fewer),
         "noise = 'none'": lambda: mission.fork([0], 2, noise="none"),  # type: ignore[arg-type]
         "the fork has 6 of Formation": lambda: mission.fork([0, 1], 3, into=other),
         "not torch.float32": lambda: mission.fork(torch.tensor([0.5]), 2),

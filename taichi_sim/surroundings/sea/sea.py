@@ -16,6 +16,7 @@ import numpy as np
 import torch
 
 from taichi_sim.config import SeaConfig, SwellConfig
+from taichi_sim.config.arguments import whole_number
 from taichi_sim.config.base import number, span
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.conventions import AMPLITUDE, BX, BY, GRAVITY, KX, KY, OMEGA, PHASE, RHO_SEA, SEA_ROWS
@@ -176,7 +177,7 @@ class Sea:
 
     def mean_level(self, sea: int = 0) -> float:
         """Mean elevation (m) of a realisation, -sum k a b / 2: troughs of Gerstner waves are wider than crests."""
-        c = self.components
+        c, sea = self.components, self._one(sea)
         coth = 1.0 if self.depth is None else 1 / np.tanh(c.k[sea] * self.depth)
         return float(-(c.k[sea] * c.amplitude[sea] ** 2 * coth).sum() / 2)
 
@@ -187,7 +188,12 @@ class Sea:
             env_sea: realisation of each row, int32 [row].
             time: float64 [row], s.
             out: [row, component] to write to; None for a new tensor.
+
+        Raises:
+            IndexError: for a realisation that does not exist.
         """
+        if env_sea.numel():
+            self._exist(*map(int, env_sea.aminmax()))
         if out is None:
             out = self.table.new_empty((env_sea.shape[0], self.num_components))
         components = self.num_components
@@ -201,7 +207,7 @@ class Sea:
         The rows are amplitude (m), k_x, k_y (rad/m), phase at that time (rad, in [0, 2 pi)), b_x, b_y (m), as in
         gerstner.py.
         """
-        device = self.table.device
+        device, sea = self.table.device, self._one(sea)
         which = torch.tensor([sea], dtype=torch.int32, device=device)
         phase = self.phases(which, torch.tensor([time], dtype=torch.float64, device=device))
         a, kx, ky, bx, by = self.table[sea, [AMPLITUDE, KX, KY, BX, BY]]
@@ -250,7 +256,7 @@ class Sea:
         axes = [torch.as_tensor(np.asarray(a), dtype=run.torch_dtype, device=run.device) for a in (north, east)]
         mesh = torch.meshgrid(*axes, indexing="ij")
         points = torch.stack([m.reshape(-1) for m in mesh], dim=1).contiguous()
-        env_sea = torch.tensor([sea], dtype=torch.int32, device=run.device)
+        env_sea = torch.tensor([self._one(sea)], dtype=torch.int32, device=run.device)
         phase = self.phases(env_sea, torch.tensor([time], dtype=torch.float64, device=run.device))
         rows = torch.zeros(points.shape[0], dtype=torch.int32, device=run.device)
         return self.elevation_at(points, rows, env_sea, phase).reshape(mesh[0].shape).cpu().numpy()
@@ -306,10 +312,24 @@ class Sea:
         shape = values[0].shape
         flat = [v.reshape(-1).to(run.device) for v in values]
         points = torch.stack(flat[:-2], dim=1).to(run.torch_dtype).contiguous()
-        index = flat[-1].to(torch.int32).contiguous()
-        if index.numel() and not (int(index.min()) >= 0 and int(index.max()) < self.num_seas):
-            raise IndexError(f"sea index outside 0..{self.num_seas - 1}")
-        return points, index, flat[-2].contiguous(), shape
+        if not torch.equal(flat[-1], flat[-1].round()):
+            raise ValueError("sea: numbers of realisations are whole")
+        return points, flat[-1].to(torch.int32).contiguous(), flat[-2].contiguous(), shape
+
+    def _one(self, sea: int) -> int:
+        """The number of a realisation.
+
+        Raises:
+            ValueError: if it is no whole number. IndexError: if there is no such realisation.
+        """
+        sea = whole_number(sea, "sea")
+        self._exist(sea, sea)
+        return sea
+
+    def _exist(self, least: int, most: int) -> None:
+        """Refuse realisations from `least` to `most` that do not exist."""
+        if least < 0 or most >= self.num_seas:
+            raise IndexError(f"sea {least if least < 0 else most}: there are 0 to {self.num_seas - 1}")
 
 
 def varied_components(
