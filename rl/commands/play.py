@@ -105,7 +105,7 @@ def main(argv: list[str] | None = None) -> None:
         place = Path(f"{config.name}-{seed}.rrd")
     if args.out is not None or not args.film:
         refuse_unwritable(output.place or place)
-    how = {"size": args.film_size, "fps": args.film_fps, "speed": args.film_speed, "view": args.film_view}
+    how = shared.film_options(args)
     if args.film:
         check_film(args.film, **how, teams=config.teams, columns=2 if args.beside else 1)
     record = partial(

@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 CONTROLLERS = ("policy", "untrained", "classical", "plan", "oracle", "honest")  # see rl.learn.policy.policies_of
 
@@ -219,14 +220,27 @@ def add_film(parser: argparse.ArgumentParser) -> None:
 
     film = parser.add_argument_group("film", "drawn without a display or a GPU; without --out, no recording is written")
     film.add_argument("--film", type=output, metavar="FILE", help=".mp4 (extra `film`), or animated .png, .gif, .webp")
-    film.add_argument(
-        "--film-size", type=picture_size, default=(640, 480), metavar="WxH", help="size in px (default: 640x480)"
-    )
-    film.add_argument(
-        "--film-speed", type=positive_float, default=1.0, metavar="X", help="speed relative to real time (default: 1)"
-    )
-    film.add_argument("--film-fps", type=positive_float, default=25.0, metavar="N", help="frames/s (default: 25)")
-    film.add_argument("--film-view", default="auto", metavar="VIEW", help="show only 'overview', 'map', or a team")
+    film.add_argument("--film-size", type=picture_size, metavar="WxH", help="size in px (default: 640x480)")
+    film.add_argument("--film-speed", type=positive_float, metavar="X", help="speed relative to real time (default: 1)")
+    film.add_argument("--film-fps", type=positive_float, metavar="N", help="frames/s (default: 25)")
+    film.add_argument("--film-view", metavar="VIEW", help="show only 'overview', 'map', or a team")
+
+
+FILM = {"size": (640, 480), "speed": 1.0, "fps": 25.0, "view": "auto"}
+
+
+def film_options(args: argparse.Namespace) -> dict[str, Any]:
+    """How a film is drawn, by the arguments of `add_film`.
+
+    Raises:
+        RunError: for options of a film without `--film`.
+    """
+    from rl.runs.folder import RunError
+
+    given = {name: value for name in FILM if (value := getattr(args, f"film_{name}")) is not None}
+    if given and not args.film:
+        raise RunError(f"--film-{next(iter(given))}: there is no --film FILE to draw")
+    return FILM | given
 
 
 def picture_size(text: str) -> tuple[int, int]:

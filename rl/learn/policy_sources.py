@@ -209,6 +209,9 @@ def policies_from(
     """
     wanted = list(config.trained if teams is None else teams)
     found: dict[str, Policy] = {}
+    named_teams = [text.partition("=")[0] for text in sources if "=" in text and not Path(text).exists()]
+    if twice := [team for team in named_teams if named_teams.count(team) > 1]:
+        raise CheckpointError(f"{twice[0]}: two policies are given for this team")
     for text in sources:
         team, equals, named = text.partition("=")
         of_team = bool(equals) and not Path(text).exists()

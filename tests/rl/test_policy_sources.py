@@ -72,6 +72,7 @@ def test_what_is_no_source_is_named(tmp_path):
     (tmp_path / "bad.onnx").write_text("no network")
     refused(str(tmp_path / "bad.onnx"), "bad.onnx: not a network in ONNX")
     refused(str(tmp_path), "not a run folder")
+    refused("usv=a.onnx", "usv: two policies", "usv=b.onnx")
     refused("tug=x.onnx", "no team 'tug' acts; allowed are usv")
     refused("some.onnx", "one policy, and there are usv and uav: usv=some.onnx", teams=("usv", "uav"))
 
