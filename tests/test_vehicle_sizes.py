@@ -18,6 +18,8 @@ DT = 0.001  # s
         ("otter", {"collision_radius": 0.01}, "collision_radius"),
         ("otter", {"thrusters": {"n_max": 992.0}}, "n_max in rad/s"),  # rpm
         ("otter", {"hydrodynamics": {"cross_flow_density": 1.026}}, "cross_flow_density"),  # t/m^3
+        ("otter", {"thrusters": {"lag": 100.0}}, "thrusters.lag"),  # ms
+        ("x500", {"rotor": {"omega_max": 9549.0}}, "number of rpm"),
         ("otter_3dof", {"X_u": 77.55}, "negative in these signs"),
         ("otter_3dof", {"Y_v": 162.5}, "Y_v, Y_vv"),
         ("otter_3dof", {"N_rr": 487.0}, "N_r, N_rr"),

@@ -14,10 +14,12 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
+from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.models.contact.deck_and_legs import Legs
 from taichi_sim.vehicle import Number, VehicleParams, left_of, value_at
 
 MOST_ROTORS = 12
+STRONGEST = 25.0  # largest thrust over weight; racing multirotors reach 15
 HOUR, MILLI = 3600.0, 1e-3  # s; of a unit
 APART = 1e-3  # m: rotors of the same spin that are closer than this are a mistake in the file
 Place = tuple[Finite, Finite, Finite]
@@ -187,6 +189,16 @@ class MultirotorParams(VehicleParams):
                         f"rotors.{j} and rotors.{i} coincide at {list(one.position)}: hubs must be at least "
                         f"{APART:g} m apart"
                     )
+        return self
+
+    @model_validator(mode="after")
+    def _thrust_of_a_multirotor(self):
+        thrust = len(self.rotors) * self.rotor.k_f * self.rotor.omega_max**2
+        if (ratio := thrust / (self.physical.mass * GRAVITY)) > STRONGEST:
+            raise ValueError(
+                f"rotor.k_f omega_max^2 (rad/s) lifts {ratio:.3g} times the weight, at most {STRONGEST:g}: is it a "
+                "number of rpm?"
+            )
         return self
 
     @model_validator(mode="after")

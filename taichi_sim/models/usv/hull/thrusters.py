@@ -16,6 +16,7 @@ from pydantic import Field, model_validator
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
 
 Vector3 = tuple[Finite, Finite, Finite]
+Lag = Annotated[float, Field(ge=0, le=60)]  # more is a number of milliseconds
 NonPositive = Annotated[float, Field(le=0, allow_inf_nan=False)]
 MOST_THRUSTERS = 8
 DIGITS = 12  # digits of cosines and sines of directions, so that 90 degrees have no part ahead
@@ -98,7 +99,7 @@ class PropellerPair(Strict):
     k_negative: Positive  # N / (rad/s)^2, astern
     n_max: Positive  # rad/s
     n_min: NonPositive  # rad/s
-    lag: NonNegative  # s, time constant of the shaft speed
+    lag: Lag  # s, time constant of the shaft speed
     gain_left: NonNegative = 1.0  # factor of its thrust; below 1, the propeller is fouled or damaged
     gain_right: NonNegative = 1.0
 
@@ -137,7 +138,7 @@ class NamedThruster(Strict):
     thrust_min: NonPositive  # N, in the opposite direction; 0: none
     n_max: Positive | None = None  # rad/s; without it, speeds are shares of the highest
     n_min: NonPositive | None = None  # rad/s, default -n_max
-    lag: NonNegative  # s, time constant of the speed
+    lag: Lag  # s, time constant of the speed
     turn_rate_deg: NonNegative = 0.0  # deg/s, highest turn rate; 0: fixed
     range_deg: tuple[NonPositive, NonNegative] | None = None  # range of its angle, clockwise; None: all round
     gain: NonNegative = 1.0  # factor of its thrust; below 1, the thruster is fouled or damaged
