@@ -22,7 +22,6 @@ from taichi_sim.kernels.rotation import quaternion_product
 
 Number = float | Tensor
 """A number of a vehicle file (float), or one for each vehicle (tensor)."""
-Matrix6 = tuple[tuple[float, ...], ...]
 
 
 def skew(r) -> np.ndarray:
@@ -83,11 +82,6 @@ def _about_origin(mass: Number, r: Sequence[Number]) -> list[list[Number]]:
     """-m S(r)^2: inertia (kg m^2) about the origin of a point mass at r."""
     square = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
     return [[mass * ((square if i == j else 0.0) - r[i] * r[j]) for j in range(3)] for i in range(3)]
-
-
-def constant(matrix) -> Matrix6:
-    """Convert a 6 x 6 matrix to numbers that a kernel compiles in (see `times`)."""
-    return tuple(tuple(float(value) for value in row) for row in np.asarray(matrix))
 
 
 def is_nothing(number: object) -> bool:

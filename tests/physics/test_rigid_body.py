@@ -5,7 +5,7 @@ import pytest
 import taichi as ti
 import torch
 
-from taichi_sim.kernels.rigid_body import changed_mass, constant, coriolis, quaternion_rate, rigid_body_mass
+from taichi_sim.kernels.rigid_body import changed_mass, coriolis, quaternion_rate, rigid_body_mass
 from taichi_sim.kernels.rotation import torch_rotation_matrix
 
 pytestmark = pytest.mark.usefixtures("f64")
@@ -34,7 +34,9 @@ def apply():
     """coriolis(M, nu) of rows nu [n, 6] for two matrices: the masses' own, and a full symmetric one."""
     full = RNG.uniform(-1.0, 1.0, (6, 6))
     full = full + full.T
-    rigid, general = constant(rigid_body_mass(MASSES.sum(), CG, inertia(CG))), constant(full)
+    rigid, general = (
+        tuple(map(tuple, np.asarray(m).tolist())) for m in (rigid_body_mass(MASSES.sum(), CG, inertia(CG)), full)
+    )
 
     @ti.kernel
     def kernel(out: ti.types.ndarray(ndim=2), rows: ti.types.ndarray(ndim=2), which: ti.i32):
