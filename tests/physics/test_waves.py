@@ -216,5 +216,5 @@ def test_a_wave_that_is_almost_a_cusp_inverts_exactly(a, single_wave, tolerance)
 
 
 def test_queries_of_a_realisation_out_of_range_are_refused(sea):
-    with pytest.raises(IndexError, match="0..2"):
+    with pytest.raises(IndexError, match="sea 3: there are 0 to 2"):
         sea.elevation(0.0, 0.0, 0.0, sea=3)
