@@ -133,6 +133,7 @@ class World(Stateful):
         self.dump_folder: Path | None = None
         self.noise = self.remember(Noise(num_envs, self.seed))
         self.env_sea = self.remember((torch.arange(num_envs, device=run.device) % self.sea.num_seas).to(torch.int32))
+        self._seas_of = self.scratch(-1)  # version of `env_sea` that has been checked
         self.time = self.remember(torch.zeros(num_envs, dtype=torch.float64, device=run.device))
         self._phase = self.remember(self.sea.phases(self.env_sea, self.time))
         self._variation = self.remember(Variation(config, self.conditions, num_envs, self.seed))
@@ -268,6 +269,7 @@ class World(Stateful):
 
     def _advance(self, checked: dict[str, torch.Tensor]) -> None:
         """Make a step under actions that are right."""
+        self._check_seas()
         self.sea.phases(self.env_sea, self.time, out=self._phase)
         before, touch = {}, {}
         if self.dump_folder:
@@ -413,6 +415,7 @@ class World(Stateful):
                              "have 1; rotation.level_states makes states")  # fmt: skip
         if not len(rows):
             return
+        self._check_seas()
         around = self._placing(name, rows)
         surface = fleet.surface[rows]
         state = fleet.model.settle(state, surface, around)
@@ -424,6 +427,12 @@ class World(Stateful):
         fleet.aux.index_copy_(0, rows, aux)
         fleet.update(rows)
         self.contacts.place(fleet, rows)
+
+    def _check_seas(self) -> None:
+        """Refuse realisations in `env_sea` that do not exist, if somebody has written there."""
+        if self.env_sea._version != self._seas_of:
+            self.sea.check(self.env_sea)
+            self._seas_of = self.env_sea._version
 
     def _placing(self, name: str, envs: torch.Tensor) -> Surroundings:
         """Return the surroundings of a team in environments `envs` [n] alone.

@@ -188,12 +188,7 @@ class Sea:
             env_sea: realisation of each row, int32 [row].
             time: float64 [row], s.
             out: [row, component] to write to; None for a new tensor.
-
-        Raises:
-            IndexError: for a realisation that does not exist.
         """
-        if env_sea.numel():
-            self._exist(*map(int, env_sea.aminmax()))
         if out is None:
             out = self.table.new_empty((env_sea.shape[0], self.num_components))
         components = self.num_components
@@ -314,7 +309,9 @@ class Sea:
         points = torch.stack(flat[:-2], dim=1).to(run.torch_dtype).contiguous()
         if not torch.equal(flat[-1], flat[-1].round()):
             raise ValueError("sea: numbers of realisations are whole")
-        return points, flat[-1].to(torch.int32).contiguous(), flat[-2].contiguous(), shape
+        index = flat[-1].to(torch.int32).contiguous()
+        self.check(index)
+        return points, index, flat[-2].contiguous(), shape
 
     def _one(self, sea: int) -> int:
         """The number of a realisation.
@@ -323,13 +320,19 @@ class Sea:
             ValueError: if it is no whole number. IndexError: if there is no such realisation.
         """
         sea = whole_number(sea, "sea")
-        self._exist(sea, sea)
+        self.check(torch.tensor([sea]))
         return sea
 
-    def _exist(self, least: int, most: int) -> None:
-        """Refuse realisations from `least` to `most` that do not exist."""
-        if least < 0 or most >= self.num_seas:
-            raise IndexError(f"sea {least if least < 0 else most}: there are 0 to {self.num_seas - 1}")
+    def check(self, env_sea: torch.Tensor) -> None:
+        """Refuse numbers [n] of realisations that do not exist.
+
+        Raises:
+            IndexError: naming one of them.
+        """
+        if env_sea.numel():
+            least, most = map(int, env_sea.aminmax())
+            if least < 0 or most >= self.num_seas:
+                raise IndexError(f"sea {least if least < 0 else most}: there are 0 to {self.num_seas - 1}")
 
 
 def varied_components(
