@@ -155,7 +155,7 @@ class Mission(Stateful, Generic[C, T]):
 
     def _alike(self, num_envs: int) -> "Mission":
         """Another mission of the same scenario, seed, teams and vehicles."""
-        with self.world.vehicles():
+        with self.world.same_vehicles():
             return type(self)(self.config, num_envs, seed=self.seed, teams=tuple(self.world.teams), source=self.source)
 
     def made(self) -> tuple[str, ...]:

@@ -175,7 +175,8 @@ class Team(Remembers, Generic[M, S]):
             return
         given = f"{value.dtype} {list(value.shape)}" if isinstance(value, Tensor) else type(value).__name__
         raise TypeError(
-            f"{type(self).__name__}.{what} is {given}: expected is a tensor {expected}, of {rows[0]} and {rows[1]}"
+            f"{type(self).__name__}.{what} is {given}: expected is a tensor {expected} of {rows[0]} environments and "
+            f"{rows[1]} vehicles"
         )
 
     def paid(self, ended: Endings) -> Tensor:

@@ -45,7 +45,7 @@ from taichi_sim.surroundings.sea.current import Current
 from taichi_sim.vehicle import UnstableStepError, Vehicle
 
 APART = 8.0  # collision radii between neighbours of a team that no mission has placed; assumed
-OFF_UNIT = 0.01  # tolerated difference of a quaternion's norm from 1
+OFF_UNIT = 1e-3  # tolerated difference of a quaternion's norm from 1
 FEW = 32  # environments that are placed at once and whose surroundings are kept; assumed
 _vehicles: Mapping[str, Vehicle] = {}  # of the world of which a copy is being made, by team
 
@@ -156,11 +156,11 @@ class World(Stateful):
 
     def _alike(self, num_envs: int) -> Self:
         """Another world of the same configuration, seed, teams and vehicles."""
-        with self.vehicles():
+        with self.same_vehicles():
             return type(self)(self.config, num_envs, seed=self.seed, teams=tuple(self.teams), source=self._source)
 
     @contextmanager
-    def vehicles(self) -> Iterator[None]:
+    def same_vehicles(self) -> Iterator[None]:
         """Within this context, new worlds have the vehicles of this one, whatever their files say by now."""
         global _vehicles
         before, _vehicles = _vehicles, {name: fleet.model for name, fleet in self.teams.items()}

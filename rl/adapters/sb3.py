@@ -51,10 +51,16 @@ class TeamVecEnv(VecEnv):
         self._return, self._length = np.zeros(self.num_envs), np.zeros(self.num_envs, dtype=np.int64)
 
     def reset(self) -> np.ndarray:
-        """Begin a new episode in every environment and put the infos into `reset_infos`."""
-        observations, infos = self.envs.reset(seed=self._seeds[0], options=self._options[0] or None)
+        """Begin a new episode in every environment and put the infos into `reset_infos`.
+
+        Raises:
+            ValueError: for options that were set: there are none.
+        """
+        if given := sorted({key for options in self._options for key in options}):
+            self._reset_options()
+            raise ValueError(f"reset options {given} are unknown: there are none")
+        observations, infos = self.envs.reset(seed=self._seeds[0])
         self._reset_seeds()
-        self._reset_options()
         self._return[:], self._length[:] = 0.0, 0
         self.reset_infos = self._listed(infos)
         return observations

@@ -57,7 +57,11 @@ def test_the_right_ones_are_taken():
         ("reward", lambda right: right.numpy(), r"reward\(\) is ndarray"),
         ("reward", lambda right: None, r"reward\(\) is NoneType"),
         ("endings", lambda right: {"lost": right["lost"].any(1, keepdim=True)}, r"endings\(\)\['lost'\]"),
-        ("endings", lambda right: {"lost": right["lost"].float()}, r"expected is a tensor bool \[env, vehicle\]"),
+        (
+            "endings",
+            lambda right: {"lost": right["lost"].float()},
+            r"bool \[env, vehicle\] of 3 environments",
+        ),
         ("observe", lambda right: {"place": right["place"][..., 0]}, r"observe\(\)\['place'\]"),
         ("info", lambda right: {"north": right["north"][:, 0]}, r"info\(\)\['north'\]"),
     ],

@@ -22,8 +22,8 @@ Angle = Annotated[float, Field(ge=2, le=90)]  # less is a number of radians
 Along = Annotated[float, Field(ge=-1, le=1)]  # over the length; more is a number of metres
 Astern = Annotated[float, Field(ge=-1, le=0)]
 NonPositive = Annotated[float, Field(ge=-10, le=0)]
-SLENDEREST = 0.1  # least block coefficient
-GYRATION = 0.1, 0.6  # least and largest radius of gyration over the length
+SLENDEREST = 0.1  # least block coefficient; assumed
+GYRATION = 0.1, 0.6  # least and largest radius of gyration over the length; assumed, about 0.25 is usual
 SWIFTEST = 1.0  # largest Froude number: the polynomial is of hulls that displace water
 
 

@@ -23,7 +23,7 @@ __all__ = ["RHO_AIR", "Number", "Vessel", "WaterDensity", "Windage", "check_top_
 
 RHO_AIR = 1.225  # kg/m^3, standard atmosphere at sea level
 WaterDensity = Annotated[float, Field(ge=900.0, le=1100.0)]  # kg/m^3, fresh and warm to salt and cold
-FASTEST = 6.0  # largest Froude number; racing hydroplanes reach some 8, hulls of these models do not
+FASTEST = 6.0  # largest Froude number; assumed, fast planing boats have 2 to 4
 STILL = 1e-9  # m^2/s^2; avoids a division by zero without wind
 
 

@@ -19,7 +19,7 @@ from taichi_sim.models.contact.deck_and_legs import Legs
 from taichi_sim.vehicle import Number, VehicleParams, left_of, value_at
 
 MOST_ROTORS = 12
-STRONGEST = 25.0  # largest thrust over weight; racing multirotors reach 15
+STRONGEST = 25.0  # largest thrust over weight; racing multirotors reach some 15; assumed
 HOUR, MILLI = 3600.0, 1e-3  # s; of a unit
 APART = 1e-3  # m: rotors of the same spin that are closer than this are a mistake in the file
 Place = tuple[Finite, Finite, Finite]

@@ -81,7 +81,7 @@ TablesPack = ti.types.argpack(
 )
 """Tables of the parts: panels, their corners, the columns of the heads that they read, and wave lines (water.py);
 corners of the deck (geometry.py); filters of the memory, and diffraction in one sea (radiation.py)."""
-LIKE_PANELS, LIKE_DIAGONAL = (0.7, 1.4), (0.3, 2.0)  # sizes of the file over those of the panels
+LIKE_PANELS, LIKE_DIAGONAL = (0.7, 1.4), (0.3, 2.0)  # sizes of the file over those of the panels; assumed
 KEPT = 4  # number of seas, and of steps in each, for which a model keeps tables
 SeaKey = tuple[int, int, tuple[int, ...]]  # address, version and shape of a sea's tensor
 

@@ -31,7 +31,10 @@ Diagonal = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative
 Row = tuple[Finite, Finite, Finite, Finite, Finite, Finite]
 Matrix = tuple[Row, Row, Row, Row, Row, Row]
 Name = Annotated[str, Field(pattern="^[a-z][a-z0-9_]*$")]
-OFF_MASS, REACH = 1e-3, 1.0  # tolerated difference of M_rb from mass (1) and from mass times cg (m)
+OFF_MASS, REACH = (
+    5e-3,
+    1.0,
+)  # of mass, of mass times |cg| or 1 m: tolerated rounding of a published M_rb; assumed
 ASYMMETRY = 1e-6  # tolerated asymmetry of a published M_rb over its largest entry, from its rounding
 OVERHANG = 1.1  # limit of a thruster's position over that of the hull's side, for outboard engines; assumed
 
@@ -53,7 +56,8 @@ class RigidBody(Strict):
             if np.abs(M - M.T).max() > ASYMMETRY * np.abs(M).max():
                 raise ValueError("M_rb must be symmetric: row i, column j as row j, column i")
             own = rigid_body_mass(self.mass, self.cg, np.zeros((3, 3)))
-            for i, j in np.argwhere(np.abs(M - own)[:3] > OFF_MASS * self.mass * np.array([1.0] * 3 + [REACH] * 3)):
+            reach = max(REACH, float(np.linalg.norm(self.cg)))
+            for i, j in np.argwhere(np.abs(M - own)[:3] > OFF_MASS * self.mass * np.array([1.0] * 3 + [reach] * 3)):
                 raise ValueError(
                     f"M_rb[{i}][{j}] = {M[i, j]:g}, and mass and cg make it {own[i, j]:g}: M_rb holds these, too; "
                     "change all three, or give gyration in place of M_rb"

@@ -27,7 +27,7 @@ from taichi_sim.surroundings.sea.measured.spectra import FEWEST_ANGLES, Gridded,
 if TYPE_CHECKING:
     from xarray import DataArray, Dataset
 
-ECMWF_FREQUENCIES = (25, 29, 30, 36)  # numbers of frequencies of ECMWF's spectra
+ECMWF_FREQUENCIES = (25, 29, 30, 36)  # numbers of frequencies of ECMWF's spectra; ERA5 has 30
 ECMWF_ANGLES = (24, 36)  # directions of ECMWF's spectra since ERA-Interim
 _ZERO = r"(?! (?:the )?(?:true |magnetic )?(?:north|east|x))"  # from north is where an angle begins
 FROM = re.compile(rf"from.direction|(?:com\w+|travel\w*|propagat\w+|direction) from{_ZERO}|from which|\bfrom\)|"

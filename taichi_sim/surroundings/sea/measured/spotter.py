@@ -70,7 +70,7 @@ def _moments(columns: dict[str, np.ndarray]) -> tuple[np.ndarray | None, np.ndar
         return c1, -(columns["a2"] - 1j * columns["b2"]) if second else np.full(c1.shape, np.nan + 0j)
     if stated is None or "directionalSpread" not in columns:
         return None, None
-    if 0 < np.nanmax(columns["directionalSpread"]) < NARROWEST:
+    if 0 < np.nan_to_num(columns["directionalSpread"]).max() < NARROWEST:
         raise ConfigError("directionalSpread is below 2 everywhere: directions and spreads must be in degrees")
     r1 = np.clip(1 - np.deg2rad(columns["directionalSpread"]) ** 2 / 2, 0.0, 1.0)
     c1 = r1 * np.exp(1j * np.deg2rad(stated))
