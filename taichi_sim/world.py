@@ -429,7 +429,9 @@ class World(Stateful):
         self.contacts.place(fleet, rows)
 
     def _check_seas(self) -> None:
-        """Refuse realisations in `env_sea` that do not exist, if somebody has written there."""
+        """Refuse realisations in `env_sea` that do not exist, if somebody has written there, and another tensor."""
+        if self.env_sea is not self.around.env_sea:
+            raise ValueError("world.env_sea is another tensor now: write into it, world.env_sea[:] = ...")
         if self.env_sea._version != self._seas_of:
             self.sea.check(self.env_sea)
             self._seas_of = self.env_sea._version

@@ -158,6 +158,10 @@ def test_a_sea_that_does_not_exist_is_refused(sea):
     ):  # fmt: skip
         with pytest.raises((IndexError, ValueError), match="sea"):
             ask()
+    right, world.env_sea = world.env_sea, world.env_sea.clone()
+    with pytest.raises(ValueError, match="write into it"):
+        world.step({"usv": torch.zeros_like(world.teams["usv"].action)})
+    world.env_sea = right
     world.env_sea[0] = 50
     before = world.teams["usv"].state.clone()
     with pytest.raises(IndexError, match="sea 50: there are 0 to 1"):

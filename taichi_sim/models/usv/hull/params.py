@@ -31,10 +31,8 @@ Diagonal = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative
 Row = tuple[Finite, Finite, Finite, Finite, Finite, Finite]
 Matrix = tuple[Row, Row, Row, Row, Row, Row]
 Name = Annotated[str, Field(pattern="^[a-z][a-z0-9_]*$")]
-OFF_MASS, REACH = (
-    5e-3,
-    1.0,
-)  # of mass, of mass times |cg| or 1 m: tolerated rounding of a published M_rb; assumed
+OFF_MASS = 5e-3  # tolerated rounding of a published M_rb, over mass, or mass times |cg|; assumed
+REACH = 1.0  # m, least |cg| there
 ASYMMETRY = 1e-6  # tolerated asymmetry of a published M_rb over its largest entry, from its rounding
 OVERHANG = 1.1  # limit of a thruster's position over that of the hull's side, for outboard engines; assumed
 
