@@ -57,6 +57,7 @@ MOVED = {name: "a team owns it: write it in a class derived from Team, named by 
     "measure_again": "write `truth`, which is called for environments that begin, too",
 }
 """Names of methods that a mission must not have, and what to write instead."""
+TOUCHES = 0.1  # m: a sole that is nearer to a deck by telemetry, which tells no contact, stands on it; assumed
 TIME_SPAN = 3600.0  # s: an episode begins at a random time of its sea
 
 C = TypeVar("C", bound=Scenario)
@@ -243,9 +244,16 @@ class Mission(Stateful, Generic[C, T]):
         """
         return None
 
-    def course(self, team: T) -> tuple[Tensor, Tensor]:
-        """Place [env, 2] (m) and direction [env] (rad) of the course of `team` now, which a companion lays on a sea."""
-        raise NotImplementedError
+    def course(self, team: T) -> tuple[Tensor, Tensor] | None:
+        """Place [env, 2] (m) and direction [env] (rad) of the course of `team` now, which a companion lays on a sea.
+
+        Default: there is none. North is north then, and heights are above that of the last vehicle that is followed.
+        """
+        return None
+
+    def followed(self, team: T) -> tuple[str, ...]:
+        """Other teams of which a companion of `team` must know each vehicle by telemetry. Default: none."""
+        return ()
 
     # -- what others use -------------------------------------------------------------------------------------------
 
@@ -311,7 +319,8 @@ class Mission(Stateful, Generic[C, T]):
         return gone
 
     def follow(self, states: Mapping[str, Tensor], actions: Mapping[str, Tensor] | None = None) -> None:
-        """Take the `states` of vehicles that move elsewhere (rl/adapters/pilot), by team, [env, vehicle, 13].
+        """Take the `states` of vehicles that move elsewhere (rl/adapters/pilot), by team, [env, vehicle, 13]. Contact
+        with decks follows from them.
 
         With `actions`, by which they have moved, a decision interval has passed: as `step`, but the world does not
         move, and nobody is judged. Without, episodes begin there.
@@ -323,6 +332,7 @@ class Mission(Stateful, Generic[C, T]):
                 fleet = self.world.teams[name]
                 fleet.state.copy_(state)
                 fleet.update()
+            self.world.contacts.suppose(TOUCHES)
             if actions is None:
                 self.measure_anew()
             else:

@@ -162,6 +162,20 @@ class Team(Remembers, Generic[M, S]):
             self._checked(f"endings()[{name!r}]", flags, "bool [env, vehicle]", 2, torch.bool)
         return Endings({**own, **vehicle, DIVERGED: self.fleet.never})
 
+    @property
+    def observed_air(self) -> tuple[int, ...]:
+        """Columns of the fleet's `aux` that hold airspeed and velocity of the air, where it observes them."""
+        return ()
+
+    def gives_up(self) -> Mapping[str, Tensor]:
+        """Endings, bool [env, vehicle], at which a companion (rl/adapters/pilot) ends. Default: all."""
+        return self.ended()
+
+    @property
+    def rests(self) -> Tensor:
+        """Vehicles that rest where they were to go, bool [env, vehicle]: a companion is done. Default: none ever."""
+        return self.fleet.never
+
     def _checked(self, what: str, value: object, expected: str, axes: int, *kinds: torch.dtype) -> None:
         """Refuse what a team's class returns and is no tensor of all its vehicles, with `axes`, of one of `kinds`.
 

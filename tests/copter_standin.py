@@ -2,8 +2,8 @@
 
     copter_standin.py --instance N --serial0 udpclient:ADDRESS:PORT --home LAT,LON,...
 
-It arms and disarms on request, takes off, and follows a place and a velocity. Control is that of sitl_peer.Copter, for
-a t650.
+It arms and disarms on request, takes off, and follows a place and a velocity, or a velocity along its heading. Control
+is that of sitl_peer.Copter, for a t650.
 """
 
 import argparse
@@ -42,7 +42,7 @@ class StandIn:
 
     def __init__(self, wire: socket.socket, link, home: tuple[float, float]):
         self.link, self.home, self.pilot = link, home, Copter(t650())
-        self.armed, self.goal, self.moves = False, None, np.zeros(3)
+        self.armed, self.goal, self.moves, self.ordered = False, None, np.zeros(3), None
 
         def answered(data: bytes) -> bytes | None:
             wire.send(data)
@@ -64,6 +64,13 @@ class StandIn:
         if not self.armed or self.goal is None:
             return [1000] * 4
         p, v = np.array(told["position"]), np.array(told["velocity"])
+        if self.ordered is not None:
+            ahead, right, down = self.ordered
+            c, s = math.cos(told["attitude"][2]), math.sin(told["attitude"][2])
+            self.pilot.goal = p
+            return self.pilot.outputs(
+                told | {"velocity": list(v - [c * ahead - s * right, s * ahead + c * right, down])}
+            )
         away = self.goal - p
         self.pilot.goal = p + away * min(1.0, NEAR / max(np.linalg.norm(away[:2]), 1e-6))
         return self.pilot.outputs(told | {"velocity": list(v - self.moves * [1.0, 1.0, 0.0])})
@@ -86,12 +93,17 @@ class StandIn:
                     np.array([message.vx, message.vy, message.vz]),
                 )
 
+            elif kind == "SET_POSITION_TARGET_LOCAL_NED":
+                self.ordered = message.vx, message.vy, message.vz
+
     def tell(self, told: dict) -> None:
-        """Send a heartbeat and the position."""
+        """Send a heartbeat, attitude and position."""
+        clock = round(1e3 * told["timestamp"])
+        self.link.mav.attitude_send(clock, *told["attitude"], *told["imu"]["gyro"])
         (north, east, down), v = told["position"], [round(100 * x) for x in told["velocity"]]
         self.link.mav.heartbeat_send(2, 3, 128 if self.armed else 0, 4, 4)
         self.link.mav.global_position_int_send(
-            round(1e3 * told["timestamp"]), round(1e7 * (self.home[0] + north / METRES)),
+            clock, round(1e7 * (self.home[0] + north / METRES)),
             round(1e7 * (self.home[1] + east / (METRES * math.cos(math.radians(self.home[0]))))), round(-1e3 * down),
             round(-1e3 * down), *v, 0,
         )  # fmt: skip
@@ -105,7 +117,7 @@ def main() -> None:
     p.add_argument("--serial0")
     args, _ = p.parse_known_args()
     home = tuple(float(x) for x in args.home.split(",")[:2])
-    link = mavutil.mavlink_connection("udpout:" + args.serial0.partition(":")[2], source_system=1)
+    link = mavutil.mavlink_connection("udpout:" + args.serial0.partition(":")[2], source_system=1, source_component=1)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
         wire.settimeout(60.0)
         wire.connect(("127.0.0.1", 9002 + 10 * args.instance))

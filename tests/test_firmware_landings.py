@@ -38,6 +38,16 @@ def test_stand_ins_take_off_fly_to_their_decks_and_land(tmp_path, capsys):
 
 
 @pytest.mark.slow
+def test_a_policy_lands_stand_ins_as_their_companion(tmp_path, capsys):
+    pytest.importorskip("pymavlink")
+    file = _program(tmp_path, f'exec "{sys.executable}" "{HERE / "copter_standin.py"}" "$@"')
+    words = ["--autopilot", str(file), "--landings", "2", "--instance", "45", "--json", str(tmp_path / "out.json")]
+    assert run(firmware_landings.main, [*words, *SETS, "--companion", "landing"]) == 0, capsys.readouterr().err
+    figures = json.loads((tmp_path / "out.json").read_text())["figures"]
+    assert figures["success_rate"][0] == 1.0 and figures["touch_error_p95_m"][0] < 0.3, figures
+
+
+@pytest.mark.slow
 def test_what_is_no_autopilot_is_refused(tmp_path, monkeypatch, capsys):
     pytest.importorskip("pymavlink")
     monkeypatch.setattr(firmware_landings, "COMES_WITHIN", 1.0)

@@ -1,12 +1,16 @@
 """Let ArduCopter land on the deck of a boat at sea, many times, and judge it as the landing benchmark judges policies.
 
     python tools/firmware_landings.py --autopilot ardupilot/build/sitl/bin/arducopter --landings 64
+    python tools/firmware_landings.py --autopilot ... --companion landing     a policy steers, as in `taichi-sim pilot`
 
 Each landing is an episode of its own. The copter stands in the air where the mission places it, arms, takes off and
 flies to the deck in GUIDED, by a script that does what a user could by MAVLink: it knows the deck's place and velocity
 exactly, follows them 10 times a second, waits over the deck, sinks with it, and stops the motors once it stands there:
-LAND would brake to a stop over ground, and tip it over on a deck that moves. The boat sails by the mission's helm. An
-episode is measured from where the copter is as near as the mission's episodes begin.
+LAND would brake to a stop over ground, and tip it over on a deck that moves. With --precision, it comes down by the
+firmware's precision landing, for which our camera sends what it sees of the marker, ten times a second. The boat
+sails by the mission's helm. An episode is measured from where the copter is as near as the mission's episodes begin.
+With --companion a policy takes over there: it hears the copter by MAVLink, and the boat's exact motion as the boat's
+autopilot would tell it, ten times a second, and sends velocities.
 
 Needs pymavlink: pip install "taichi-sim[ardupilot]". docs/sitl.md says what has been confirmed with real firmware.
 """
@@ -19,9 +23,10 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from copy import copy
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,17 +42,24 @@ RATE = 200  # Hz, of the world, of the program's frames and of its loops
 PARAMETERS = {
     "FRAME_CLASS": 1, "FRAME_TYPE": 1, "SIM_RATE_HZ": RATE, "SCHED_LOOP_RATE": RATE, "ARMING_CHECK": 0,
     "INS_GYR_CAL": 0, "FS_THR_ENABLE": 0, "FS_GCS_ENABLE": 0, "FS_EKF_ACTION": 1, "LOG_BACKEND_TYPE": 0,
-    "MOT_THST_EXPO": 1,
+    "MOT_THST_EXPO": 1, "WPNAV_SPEED": 1000, "WPNAV_SPEED_UP": 500, "WPNAV_SPEED_DN": 500, "WPNAV_ACCEL": 500,
+    "WPNAV_ACCEL_Z": 500, "PSC_JERK_XY": 20, "PSC_JERK_Z": 50,
 }  # fmt: skip
-"""ArduCopter's; a file of --defaults comes after them."""
-GUIDED = 4  # a mode of ArduCopter
+"""ArduCopter's; a file of --defaults comes after them. By its own limits it cannot follow a deck: 1 m/s^2 upwards."""
+PRECISION = {
+    "PLND_ENABLED": 1, "PLND_TYPE": 1, "PLND_EST_TYPE": 1, "PLND_OPTIONS": 1, "PLND_ALT_MIN": 0, "PLND_ALT_MAX": 0,
+}  # fmt: skip
+"""Those of --precision: LANDING_TARGET messages of a target that moves, Kalman filter, at any distance."""
+GUIDED, LAND = 4, 9  # modes of ArduCopter
 INSTANCES = 256  # ArduPilot keeps the number in 8 bits
 SPEEDUP = 1000  # times real time, that the program does not wait for
 COMES_WITHIN = 60.0  # s, of the clock, for the first frame, and for any other
 READY_WITHIN = 120.0  # s, of simulated time, for arming
 CLIMB = 3.0  # m, of the take-off
 AGAIN = 1.0  # s between two tries of a command
+BOAT = 2  # system of the boat
 AWAY = 60.0  # s to come near, for each 100 m; assumed
+BODY_FRAME = 12  # MAV_FRAME_BODY_FRD
 HOVER, NEAR, WAITS = 3.0, 0.3, 1.0  # m over the deck, m from its middle, s near it before sinking; assumed
 SINKS, PRESSES = 0.4, -0.3  # m/s over the deck; height in m that it is told at last, on the deck; assumed
 STANDS = 0.15, 0.5  # m over the deck at the most, and for how long, s, until the motors are stopped; assumed
@@ -63,15 +75,21 @@ class Script:
         phase: "arms", "comes", "sinks", "stands". place: of the copter, as it tells. texts: its last words.
     """
 
-    def __init__(self, link: Any, soles: float, height: float):
+    def __init__(self, link: Any, soles: float, height: float, *, precision: bool = False):
         """Fly by `link` (pymavlink) a copter whose soles are `soles` below its origin, to a deck `height` m below."""
-        self.link, self.soles, self.height = link, soles, height
+        self.link, self.soles, self.height, self.precision = link, soles, height, precision
         self.phase, self.place, self.start = "arms", None, None
         self.texts: list[str] = []
         self._armed, self._asked, self._near, self._down, self._gap = False, -math.inf, 0.0, 0.0, HOVER
 
-    def __call__(self, time: float, interval: float, deck: NDArray[np.float64], moves: NDArray[np.float64]) -> None:
-        """Act at `time` (s) by what has come since the last `interval` (s); `deck` and how it `moves` [3]."""
+    def __call__(
+        self, time: float, interval: float, deck: NDArray[np.float64], moves: NDArray[np.float64],
+        marker: NDArray[np.float64] | None = None,
+    ) -> None:  # fmt: skip
+        """Act at `time` (s) by what has come since the last `interval` (s); `deck` and how it `moves` [3].
+
+        `marker`: [3] from the copter, b, m, if its camera sees it.
+        """
         self._hear()
         if self.phase == "arms":
             if self._armed and self.place is not None and time - self._asked > AGAIN:
@@ -94,9 +112,9 @@ class Script:
             gap = HOVER if off < 3 * HOVER else self.height
             self._near = self._near + interval if off < NEAR and abs(deck[2] - self.place[2]) < 2 * HOVER else 0.0
             if self._near > WAITS:
-                self.phase = "sinks"
+                self.phase, self._asked = "sinks", -math.inf
         elif self.phase == "sinks":
-            if off < NEAR:
+            if off < NEAR or self.precision:
                 self._gap = max(self._gap - SINKS * interval, PRESSES)
             gap = self._gap
             low = gap == PRESSES and deck[2] - self.place[2] - self.soles < STANDS[0]
@@ -108,11 +126,22 @@ class Script:
                 self._command("MAV_CMD_COMPONENT_ARM_DISARM", 0, FORCED)
                 self._asked = time
             return
+        if self.phase == "sinks" and self.precision:
+            if time - self._asked > AGAIN:
+                self._mode(LAND)
+                self._asked = time
+            if marker is not None:
+                away = float(np.linalg.norm(marker))
+                across = math.atan2(marker[1], marker[2]), math.atan2(-marker[0], marker[2])
+                self.link.mav.landing_target_send(
+                    round(1e6 * time), 0, BODY_FRAME, *across, away, 0, 0, *marker, (1, 0, 0, 0), 2, 1
+                )
+            return
         north, east, down = deck - [0.0, 0.0, gap + self.soles]
         v = moves + [0.0, 0.0, SINKS if self.phase == "sinks" else 0.0]
         self.link.mav.set_position_target_global_int_send(
             0, 1, 1, EARTH_FRAME, POSITION_AND_VELOCITY, round(1e7 * (HOME[0] + north / METRES)),
-            round(1e7 * (HOME[1] + east / (METRES * math.cos(math.radians(HOME[0]))))), -down, *v, 0, 0, 0, 0, 0,
+            round(1e7 * (HOME[1] + east / east_metres())), -down, *v, 0, 0, 0, 0, 0,
         )  # fmt: skip
 
     def _hear(self) -> None:
@@ -122,7 +151,7 @@ class Script:
                 self._armed = bool(told.base_mode & 128)
             elif kind == "GLOBAL_POSITION_INT" and told.lat:
                 north = (told.lat / 1e7 - HOME[0]) * METRES
-                east = (told.lon / 1e7 - HOME[1]) * METRES * math.cos(math.radians(HOME[0]))
+                east = (told.lon / 1e7 - HOME[1]) * east_metres()
                 self.place = np.array([north, east, -told.alt / 1e3])
             elif kind == "STATUSTEXT":
                 self.texts = [*self.texts[-4:], told.text]
@@ -157,23 +186,89 @@ def free_port() -> int:
         return wire.getsockname()[1]
 
 
+class Companion:
+    """What `taichi-sim pilot` does on the copter, in simulated time; the boat's telemetry is its exact motion.
+
+    Attributes:
+        pilot: the companion.
+    """
+
+    def __init__(self, policies: Mapping[str, Any], mission: Any):
+        """Steer the aircraft of a `mission` with one environment (`Landing.piloted`) by one of `policies`."""
+        from rl.adapters.pilot.autopilot_link import Link, dialect
+        from rl.adapters.pilot.companion import Pilot
+        from rl.adapters.pilot.set_points import orders_of
+
+        kinds, name = dialect(), mission.aircraft.name
+        self._boat, self._out = kinds.MAVLink(None, srcSystem=BOAT, srcComponent=1), ignored
+        team = mission.teams[name]
+        self._links = Link("the copter", self._send), Link("the boat", ignored)
+        followed = {mission.boats.fleet.name: [self._links[1]]}
+        orders = orders_of(team)
+        self.pilot = Pilot(
+            mission, name, policies[name], orders, [self._links[0]], tell=ignored, followed=followed, disarm=True
+        )
+        self.pilot.rehearse()
+
+    def _send(self, data: bytes) -> None:
+        self._out(data)
+
+    def __call__(self, link: Any, time: float, boat: NDArray[np.float64]) -> None:
+        """Act at `time` (s) by what has come over `link` (pymavlink), and the `boat`'s state [13]."""
+        self._out = link.write
+        while data := link.recv():
+            self._links[0].receive(data, time)
+        for data in boat_tells(self._boat, time, boat):
+            self._links[1].receive(data, time)
+        self.pilot.tick(time)
+
+
+def boat_tells(writer: Any, time: float, state: NDArray[np.float64]) -> list[bytes]:
+    """What the autopilot of a boat in `state` [13] says at `time` (s), packed by `writer` (MAVLink)."""
+    import torch
+
+    from taichi_sim.kernels.rotation import torch_euler_from_quaternion, torch_rotation_matrix
+
+    q, clock = torch.from_numpy(state[3:7]), round(1e3 * time)
+    v = [round(100 * x) for x in (torch_rotation_matrix(q) @ torch.from_numpy(state[7:10])).tolist()]
+    north, east, down = state[:3]
+    places = round(1e7 * (HOME[0] + north / METRES)), round(1e7 * (HOME[1] + east / east_metres()))
+    height = round(-1e3 * down)
+    return [
+        message.pack(writer)
+        for message in (
+            writer.heartbeat_encode(11, 3, 128, 0, 4),
+            writer.global_position_int_encode(clock, *places, height, height, *v, 0),
+            writer.attitude_encode(clock, *torch_euler_from_quaternion(q).tolist(), *state[10:13]),
+        )
+    ]
+
+
+def east_metres() -> float:
+    """Metres per degree of longitude at the home, as ArduPilot has it."""
+    return METRES * math.cos(math.radians(HOME[0]))
+
+
 class Flight:
     """One copter: the program that flies it, the script that tells it what to do, and the judge of its episode.
 
     Attributes:
-        script: the script. judge: None until its episode begins. decisions: of the episode.
+        script: the script. companion: steers in its place, once its episode has begun; None: nothing does. judge: None
+            until its episode begins. decisions: of the episode.
     """
 
     def __init__(
-        self, path: Path, instance: int, defaults: Sequence[Path], folder: Path, *, soles: float, height: float
-    ):
+        self, path: Path, instance: int, defaults: Sequence[Path], folder: Path, *, soles: float, height: float,
+        precision: bool,
+    ):  # fmt: skip
         """Start the program as `instance`, in a `folder` of its own; the others are those of `Script`."""
         from pymavlink import mavutil
 
         port = free_port()
         self.instance, self.judge, self.decisions = instance, None, 0
+        self.companion: Companion | None = None
         self.link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", source_system=255)
-        self.script = Script(self.link, soles, height)
+        self.script = Script(self.link, soles, height, precision=precision)
         folder.mkdir()
         self._log = (folder / "log.txt").open("w+b")
         words = [path, "--wipe", "--speedup", SPEEDUP, "--model", "JSON:127.0.0.1", "--instance", instance, "--home",
@@ -198,8 +293,36 @@ class Flight:
         self._log.close()
 
 
-def land(args: argparse.Namespace, config: Any, source: Path, seed: int, count: int) -> list[Any]:
+def companions(policy: str, config: Any, source: Path, count: int) -> list[Callable[[], Companion]]:
+    """What makes companions of the `policy` (a run folder, or a scenario's name), each in one of `count` missions.
+
+    Raises:
+        CheckpointError: if there is none.
+    """
+    from rl.learn.policy import load_policy
+    from rl.learn.policy_sources import shipped_policies
+    from rl.missions.landing.mission import Landing
+
+    name, folder = config.landing.aircraft, Path(policy)
+    found = {name: load_policy(folder, config, name)} if folder.is_dir() else shipped_policies(policy)
+    sea = Landing.piloted(config, name)
+    assert sea is not None, "one aircraft"
+    missions = [Landing(sea, 1, seed=config.seed, teams=(name,), source=source)]
+    missions += [missions[0]._alike(1) for _ in range(count - 1)]
+    return [partial(Companion, found, mission) for mission in missions]
+
+
+def land(
+    args: argparse.Namespace,
+    config: Any,
+    source: Path,
+    seed: int,
+    count: int,
+    steer: Sequence[Callable[[], Companion]] = (),
+) -> list[Any]:
     """The judges of `count` landings, each in an environment of its own, all at once.
+
+    They are steered by what `steer` makes, or by the script.
 
     Raises:
         ConfigError: for a program that is no autopilot, or that does not arm.
@@ -218,16 +341,18 @@ def land(args: argparse.Namespace, config: Any, source: Path, seed: int, count: 
     mission.step({team: policies[team](of) for team, of in mission.teams.items()})  # compiles, before anybody waits
     mission.perceive()
     mission.begin_each()
+    parameters = PARAMETERS | (PRECISION if args.precision else {})
     limit, dt, far = config.episode_steps, config.decision_interval, config.landing.distance[1]
     ports = {(name, 0, env): 9002 + 10 * (args.instance + env) for env in range(count)}
     with ExitStack() as open_things:
         folder = Path(open_things.enter_context(tempfile.TemporaryDirectory()))
         files = [folder / "landing.parm", *(file.resolve() for file in args.defaults)]
-        files[0].write_text("".join(f"{key} {value}\n" for key, value in PARAMETERS.items()))
+        files[0].write_text("".join(f"{key} {value}\n" for key, value in parameters.items()))
         station = open_things.enter_context(
             closing(Station(mission.world, ports, {}, address="127.0.0.1", timeout=COMES_WITHIN, tell=ignored))
         )
         flights, script = {}, {"soles": mission.aircraft.soles_below, "height": config.landing.height[0]}
+        script["precision"] = args.precision
         for env, session in enumerate(station.sessions):
             flight = Flight(args.autopilot, args.instance + env, files, folder / str(env), **script)
             open_things.callback(flight.close)
@@ -244,10 +369,16 @@ def land(args: argparse.Namespace, config: Any, source: Path, seed: int, count: 
             mission.perceive()
             time += dt
             deck, distance = mission.aircraft.deck, mission.aircraft.distance[:, 0].tolist()
-            place, moves = (x[:, 0].double().cpu().numpy() for x in (deck.place, deck.velocity))
+            place, moves, boats = (
+                x[:, 0].double().cpu().numpy() for x in (deck.place, deck.velocity, mission.boats.fleet.state)
+            )
+            found, marker = (x[:, 0].double().cpu().numpy() for x in mission.aircraft.seen_marker)
             for session in [*station.sessions]:
                 flight, env = flights[session], session.craft.env
-                flight.script(time, dt, place[env], moves[env])
+                if flight.companion is not None:
+                    flight.companion(flight.link, time, boats[env])
+                else:
+                    flight.script(time, dt, place[env], moves[env], marker[env] if found[env] else None)
                 arms, away = flight.script.phase == "arms", distance[env]
                 if flight.judge is not None:
                     flight.decisions += 1
@@ -257,6 +388,7 @@ def land(args: argparse.Namespace, config: Any, source: Path, seed: int, count: 
                         flight.close()
                 elif not arms and (away < far or time > READY_WITHIN + AWAY * away / 100):
                     flight.judge = mission.Judge(mission, name)
+                    flight.companion = steer[env]() if steer else None
                 elif arms and time > READY_WITHIN:
                     told = f"after {time:.0f} s of its time it has not taken off; it says {flight.script.texts}"
                     raise ConfigError(f"{args.autopilot}: {told}")
@@ -293,6 +425,8 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("config", nargs="?", default="landing", metavar="SCENARIO", help="of the landing mission [landing]")
     p.add_argument("--autopilot", type=Path, required=True, metavar="PATH", help="ArduCopter, built for SITL")
+    p.add_argument("--companion", metavar="POLICY", help="run folder or scenario whose policy steers [the script does]")
+    p.add_argument("--precision", action="store_true", help="the firmware's precision landing, by our marker camera")
     p.add_argument("--landings", type=shared.positive_int, default=64, metavar="N", help="[64]")
     p.add_argument("--defaults", type=Path, action="append", default=[], metavar="FILE", help="more parameters")
     p.add_argument("--at-once", type=shared.positive_int, default=16, metavar="N", help="landings at a time [16]")
@@ -330,11 +464,12 @@ def main(argv: list[str] | None = None) -> None:
         raise ConfigError(f"{args.config}: needs the mission landing, with one aircraft")
     args.threads = args.threads or 1
     shared.start(args)
+    steer = [] if args.companion is None else companions(args.companion, config, source, most)
     first, judges = config.evaluation.seed if args.seed is None else args.seed, []
     kind: Any = mission_class(config, source).Judge
     while len(judges) < args.landings:
         count = min(args.at_once, args.landings - len(judges))
-        judges += land(args, config, source, first + len(judges), count)
+        judges += land(args, config, source, first + len(judges), count, steer)
         if not args.quiet:
             print(f"{len(judges)} of {args.landings}: {kind.line(kind.figures(judges, config))}", flush=True)
     found = table(kind, kind.episodes(judges, config))

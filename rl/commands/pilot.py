@@ -1,10 +1,12 @@
 """Let a trained policy steer real vehicles, or simulated ones, as the MAVLink companion of their autopilots.
 
     taichi-sim pilot RUN --team usv --connect udp:127.0.0.1:14550 --connect udp:127.0.0.1:14560 ...
+    taichi-sim pilot landing --connect udp:127.0.0.1:14550 --follow udp:127.0.0.1:14560
 
-One --connect for each vehicle of the team, in the order of their slots, the leader first. Nothing is armed, and no mode
-is changed unless --guided asks for it. Ctrl-C stops the vehicles and ends. It runs on one thread, unless --threads asks
-for more (docs/pilot.md).
+One --connect for each vehicle of the team, in the order of their slots, the leader first; one --follow for each vehicle
+that it must know, but does not steer: the boat on which a copter lands. Nothing is armed, and no mode is changed unless
+--guided asks for it; motors are stopped by --disarm alone. Ctrl-C stops the vehicles and ends. It runs on one thread,
+unless --threads asks for more (docs/pilot.md).
 """
 
 import argparse
@@ -39,6 +41,18 @@ def parser() -> argparse.ArgumentParser:
         metavar="ADDRESS",
         help="udp:ADDRESS:PORT, which listens, or tcp:ADDRESS:PORT, which connects; one for each vehicle; with #SYSTEM "
         "where several share a connection",
+    )
+    p.add_argument(
+        "--follow",
+        action="append",
+        default=[],
+        metavar="ADDRESS",
+        help="the same of a vehicle that is not steered: of a landing, each copter's boat, in the order of the copters",
+    )
+    p.add_argument(
+        "--disarm",
+        action="store_true",
+        help="stop the motors once all copters stand on their decks (default: hold them down until somebody does)",
     )
     p.add_argument("--guided", action="store_true", help="ask for GUIDED (default: wait until somebody else has)")
     p.add_argument(
@@ -88,7 +102,7 @@ def policy_of(args: argparse.Namespace):
 
 
 def made(args: argparse.Namespace, addresses, wires, tell):
-    """The companion that the arguments ask for, ready to act.
+    """The companion that the arguments ask for, ready to act; addresses of vehicles that are followed come last.
 
     Raises:
         ConfigError: for a mission, a team or actions that cannot be piloted.
@@ -96,7 +110,6 @@ def made(args: argparse.Namespace, addresses, wires, tell):
     from rl.adapters.pilot.autopilot_link import Link
     from rl.adapters.pilot.companion import Pilot
     from rl.adapters.pilot.set_points import orders_of
-    from rl.guidance.observations import air_columns
     from rl.missions import find_mission
     from taichi_sim.config import ConfigError
     from taichi_sim.visualisation.recording.east_north_up import Origin
@@ -105,22 +118,31 @@ def made(args: argparse.Namespace, addresses, wires, tell):
     kind = find_mission(config.mission, [source.parent])
     sea = kind.piloted(config, team)
     if sea is None:
-        raise ConfigError(f"scenario {config.name!r}: its mission, {kind.__name__}, has no companion (Mission.piloted)")
-    count = config.teams[team].count
-    if len(addresses) != count:
         raise ConfigError(
-            f"{len(addresses)} x --connect, and {team}.count = {count}: give one for each vehicle, or --set "
-            f"{team}.count={len(addresses)}"
+            f"scenario {config.name!r}: its mission, {kind.__name__}, has no companion for {team} (Mission.piloted)"
+        )
+    count = config.teams[team].count
+    if len(args.connect) != count:
+        raise ConfigError(
+            f"{len(args.connect)} x --connect, and {team}.count = {count}: give one for each vehicle, or --set "
+            f"{team}.count={len(args.connect)}"
         )
     mission = kind(sea, 1, seed=config.seed if args.seed is None else args.seed, teams=(team,), source=source)
     orders = orders_of(mission.teams[team])
-    airy = bool(air_columns(mission.teams[team].fleet.model)[0])
     if args.guided and orders.station:
         raise ConfigError("--guided: this policy commands thrust and yaw, which only MANUAL obeys: set it yourself")
-    links = [
-        Link(f"vehicle {k + 1} ({address})", wire.send, station=orders.station, system=address.system, airy=airy)
-        for k, (address, wire) in enumerate(zip(addresses, wires, strict=True))
-    ]
+    others = mission.followed(mission.teams[team])
+    members = [(name, k) for name in (team, *others) for k in range(config.teams[name].count)]
+    if len(members) != len(addresses):
+        wanted = " and ".join(f"{config.teams[name].count} of {name}" for name in others) or "none"
+        raise ConfigError(f"{len(args.follow)} x --follow: expected {wanted}, vehicles that this policy must know")
+    links: dict[str, list[Link]] = {}
+    for (name, k), address, wire in zip(members, addresses, wires, strict=True):
+        title = f"{'vehicle' if name == team else name} {k + 1} ({address})"
+        station, airy = orders.station and name == team, name == team and bool(mission.teams[team].observed_air)
+        links.setdefault(name, []).append(Link(title, wire.send, station=station, system=address.system, airy=airy))
+    if args.disarm and config.mission != "landing":
+        raise ConfigError("--disarm: only landings have an end at which vehicles rest")
     if args.origin is not None and not (abs(args.origin[0]) <= 90 and abs(args.origin[1]) <= 180):
         raise ConfigError(
             f"--origin {args.origin[0]:g} {args.origin[1]:g}: latitude is -90 to 90, longitude -180 to 180"
@@ -128,8 +150,8 @@ def made(args: argparse.Namespace, addresses, wires, tell):
     heading = None if args.heading is None else math.radians(args.heading)
     origin = None if args.origin is None else Origin(*args.origin)
     return Pilot(
-        mission, team, policy, orders, links, tell=tell, origin=origin, heading=heading, guided=args.guided,
-        progress=not args.quiet,
+        mission, team, policy, orders, links.pop(team), tell=tell, origin=origin, heading=heading, guided=args.guided,
+        progress=not args.quiet, followed=links, disarm=args.disarm,
     )  # fmt: skip
 
 
@@ -142,7 +164,7 @@ def main(argv: list[str] | None = None) -> None:
 
     dialect()
     args.threads = args.threads or 1  # a decision is too small for more
-    addresses = [read_address(text) for text in args.connect]
+    addresses = [read_address(text) for text in (*args.connect, *args.follow)]
     check_different(addresses)
     for address in addresses:
         if not address.local:
@@ -182,7 +204,7 @@ def fly(pilot, wires, ends: float) -> None:
     """Hear and act until the companion has ended, or the clock shows `ends` (s)."""
     with selectors.DefaultSelector() as ready:
         for wire in set(wires):
-            links = [link for link, its in zip(pilot.links, wires, strict=True) if its is wire]
+            links = [link for link, its in zip(pilot.heard, wires, strict=True) if its is wire]
             ready.register(wire.socket, selectors.EVENT_READ, (wire, links))
         wait = 0.0
         while pilot.ended is None:

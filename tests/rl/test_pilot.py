@@ -24,7 +24,6 @@ from rl.adapters.pilot.companion import LOST, STALE, Pilot
 from rl.adapters.pilot.connections import Wire, check_different, read_address
 from rl.adapters.pilot.laid_course import Chart, quaternion
 from rl.adapters.pilot.set_points import Sticks, orders_of
-from rl.guidance.observations import air_columns
 from rl.learn.policy import OBS_GROUPS, ClassicalPolicy, actor_config, write_checkpoint
 from rl.missions import load_scenario
 from rl.missions.formation.mission import Formation
@@ -50,7 +49,7 @@ class Fleet:
     def __init__(self, mission: Formation, boats: Flotilla, policy):
         self.mission, self.boats, self.policy = mission, boats, policy
         ((self.name, self.team),) = mission.teams.items()
-        self.orders, self.airy = orders_of(self.team), bool(air_columns(self.team.fleet.model)[0])
+        self.orders, self.airy = orders_of(self.team), bool(self.team.observed_air)
 
     def begin(self, mode: int, *, armed: bool = True, guided: bool = False, starts=STARTS) -> "Fleet":
         self.boats.begin(starts, mode, armed=armed)
@@ -126,7 +125,7 @@ def _link(place, velocity=(0.0, 0.0, 0.0), euler=(0.0, 0.0, 0.0), rates=(0.0, 0.
     """A link that has just heard of a place (north, east of the fjord, m)."""
     link = Link("boat", lambda data: None)
     lat, lon, _ = geodetic(np.array((place[1], place[0], 0.0)), FJORD)
-    link.place, link.attitude = Place(lat, lon, 0.0, velocity), Attitude(euler, rates)
+    link.place, link.attitude = Place(lat, lon, 0.0, 0.0, velocity), Attitude(euler, rates)
     link.placed = link.turned = now
     return link
 
@@ -478,9 +477,9 @@ def test_bad_input_is_named(arguments, words, here, otters):
 
 def test_a_mission_without_a_companion_is_named(here, otters, monkeypatch):
     monkeypatch.setattr(
-        "rl.commands.pilot.policy_of", lambda args: (load_scenario("landing"), find_config("landing"), "uav", None)
+        "rl.commands.pilot.policy_of", lambda args: (load_scenario("escort"), find_config("escort"), "usv", None)
     )
-    here("rl.commands.pilot", otters, "--connect", f"udp:127.0.0.1:{_free_port()}").fails("'landing'", "no companion")
+    here("rl.commands.pilot", otters, "--connect", f"udp:127.0.0.1:{_free_port()}").fails("'escort'", "no companion")
 
 
 def test_without_pymavlink_the_extra_is_named(here, otters, monkeypatch):

@@ -19,7 +19,8 @@ STATION, COMPANION = (255, 190), (0, 191)  # system and component of a ground st
 ARMED, CUSTOM_MODE = 128, 1  # MAV_MODE_FLAG_SAFETY_ARMED, MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 ATTITUDE, POSITION = 30, 33  # ids of ATTITUDE, GLOBAL_POSITION_INT
 WIND = 168  # id of WIND, of ArduPilot's dialect
-SET_MODE, SET_INTERVAL = 176, 511  # MAV_CMD_DO_SET_MODE, MAV_CMD_SET_MESSAGE_INTERVAL
+SET_MODE, ARM, SET_INTERVAL = 176, 400, 511  # MAV_CMD_DO_SET_MODE, _COMPONENT_ARM_DISARM, _SET_MESSAGE_INTERVAL
+FORCED = 21196  # second parameter of ARM: ArduCopter's land detector waits for a ground at rest
 REBOOT = 1000  # ms; a clock that falls by more has started anew
 EVERY = 1.0  # s between heartbeats, and between requests that are not answered
 NEVER = -math.inf  # s, of the clock
@@ -54,6 +55,7 @@ class Place(NamedTuple):
     latitude: float  # deg
     longitude: float  # deg
     height: float  # above home, m
+    altitude: float  # above mean sea level, m
     velocity: tuple[float, float, float]  # over ground, NED, m/s
 
 
@@ -125,7 +127,8 @@ class Link:
         sent = self._sent(m, now) if m.lat or m.lon else None
         if sent is not None:
             velocity = (0.01 * m.vx, 0.01 * m.vy, 0.01 * m.vz)
-            self.place, self.placed = Place(1e-7 * m.lat, 1e-7 * m.lon, 1e-3 * m.relative_alt, velocity), sent
+            self.place = Place(1e-7 * m.lat, 1e-7 * m.lon, 1e-3 * m.relative_alt, 1e-3 * m.alt, velocity)
+            self.placed = sent
 
     def _attitude(self, m: Any, now: float) -> None:
         euler, rates = (m.roll, m.pitch, m.yaw), (m.rollspeed, m.pitchspeed, m.yawspeed)
@@ -207,6 +210,10 @@ class Link:
         """Send a COMMAND_LONG with two parameters."""
         self.refused.pop(number, None)
         self.say("command_long", self.system, AUTOPILOT, number, 0, first, second, 0, 0, 0, 0, 0)
+
+    def disarm(self) -> None:
+        """Stop the motors, by force: on a deck that moves, nothing else does."""
+        self.command(ARM, 0, FORCED)
 
     def set_mode(self, mode: int) -> None:
         """Ask for a mode, by ArduPilot's number."""

@@ -4,18 +4,22 @@ The mission itself makes the observations: one environment of it, whose vehicles
 being stepped (`Mission.follow`). So a policy observes what it was trained with, by the same code.
 
     waiting    until every autopilot has been heard, is one of the policy's vehicle, tells place and attitude, is armed,
-               and is in the mode that obeys; then the course is laid, and the episode begins
+               and is in the mode that obeys; then the course is laid, and the episode begins. Those that are
+               followed, but not steered (in a landing the boat), need only tell
     acting     a decision every interval, set points to all
     holding    a vehicle's place or attitude is older than `STALE` decisions: all vehicles are ordered to stop. It goes
                on when all are fresh again
-    ended      somebody has taken over, or something is wrong (`fault`); those that still obey are ordered to stop
+    ended      somebody has taken over, or something is wrong (`fault`); those that still obey are ordered to stop.
+               Or all vehicles rest where they were to go (`Team.rests`), and it has stopped their motors, if it may
 
 The companion arms nobody, and asks for a mode only if told to. It reads no clock but `now`: tests give it theirs.
 """
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +28,6 @@ import torch
 from rl.adapters.pilot.autopilot_link import SET_MODE, Link
 from rl.adapters.pilot.laid_course import Chart
 from rl.adapters.pilot.set_points import Orders
-from rl.guidance.observations import air_columns
 from rl.learn.policy import Policy
 from rl.mission import Mission
 from taichi_sim.kernels.conventions import QUATERNION, VELOCITY
@@ -79,6 +82,7 @@ class Pilot:
     Attributes:
         phase: "waiting", "acting" or "holding". ended: None until it has.
         decisions, late: decisions made; those that were skipped because the machine was late.
+        links, followed: of the team's vehicles; of the vehicles of other teams, by team.
         delays: from reading the telemetry of a decision until its last set point was sent, s.
         ages: of the oldest telemetry of a decision, s.
     """
@@ -86,15 +90,17 @@ class Pilot:
     def __init__(
         self, mission: Mission, name: str, policy: Policy, orders: Orders, links: Sequence[Link], *,
         tell: Callable[[str], None], origin: Origin | None = None, heading: float | None = None, guided: bool = False,
-        progress: bool = True,
+        progress: bool = True, followed: Mapping[str, Sequence[Link]] = MappingProxyType({}), disarm: bool = False,
     ):  # fmt: skip
         """Act for team `name` of a `mission` with one environment, whose vehicle k is behind `links[k]`.
 
         The course begins at `origin`, along `heading` (rad); default: at the first vehicle, along its heading. With
         `guided`, vehicles are asked for the mode that obeys. `tell` takes a line of news, and of `progress`.
+        `followed`: links of the vehicles of the other teams that the mission follows. With `disarm`, the motors of
+        vehicles are stopped once all rest where they were to go.
         """
         self.mission, self.team, self.policy = mission, mission.teams[name], policy
-        self.orders, self.links = orders, links
+        self.orders, self.links, self.followed, self.disarm = orders, links, followed, disarm
         self.tell, self.origin, self.heading, self.guided, self.progress = tell, origin, heading, guided, progress
         self.interval = mission.config.decision_interval
         self.phase, self.ended = "waiting", None
@@ -108,6 +114,12 @@ class Pilot:
         self._begun: float | None = None
         self._due = self._reported = 0.0
         self._missing = ""
+        self._rested = False
+
+    @property
+    def heard(self) -> list[Link]:
+        """All links, those of the team first."""
+        return [*self.links, *chain.from_iterable(self.followed.values())]
 
     def rehearse(self) -> None:
         """Make some decisions for the vehicles of the simulation, so that the first real one waits for no compiler.
@@ -116,10 +128,10 @@ class Pilot:
             CheckpointError: if the policy was trained with other observations or actions.
         """
         fleet, taken = self.team.fleet, None
-        chart = Chart(Origin(0.0, 0.0), 0.0, (0.0, 0.0), 0.0, afloat=True)
+        chart = Chart(Origin(0.0, 0.0), 0.0, (0.0, 0.0), 0.0)
         for _ in range(REHEARSAL):
             self.mission.follow({self.team.name: fleet.state.clone()}, taken)
-            self.team.ended()
+            self.team.gives_up()
             action = self.policy(self.team)
             self.orders.of(self.team, action, chart)
             taken = {self.team.name: action}
@@ -134,8 +146,8 @@ class Pilot:
         if self.ended:
             return math.inf
         rate = min(max(TELEMETRY / self.interval, SLOWEST), FASTEST)
-        for link in self.links:
-            link.converse(now, 1.0 / rate, self.orders.parameters)
+        for link in self.heard:
+            link.converse(now, 1.0 / rate, self.orders.parameters if link in self.links else ())
         self._check_vehicles(now)
         if self.ended:
             return math.inf
@@ -171,7 +183,7 @@ class Pilot:
         """End if an autopilot is another one than the policy's vehicle needs, or does not come."""
         wanted = " or ".join(f"{name} ({kind})" for kind, name in self.orders.kinds.items())
         late = self._begun is not None and now - self._begun > COMES
-        for link in self.links:
+        for link in self.heard:
             heart = link.heart
             if heart is None:
                 if late:
@@ -180,6 +192,8 @@ class Pilot:
             if link.other and self.phase == "waiting":
                 self.end(f"{link.name}: autopilots of the systems {link.system} and {link.other} are heard there: name "
                          f"one, for example #{link.system} after the address", fault=True)  # fmt: skip
+            elif link not in self.links:
+                continue
             elif heart.autopilot != ARDUPILOT:
                 self.end(f"{link.name}: MAV_AUTOPILOT {heart.autopilot}: only ArduPilot ({ARDUPILOT}) is supported",
                          fault=True)  # fmt: skip
@@ -209,14 +223,15 @@ class Pilot:
     def _ready(self, now: float) -> bool:
         """Whether all vehicles are there, fresh, and obey; ask for their mode if told to, and tell what is missing."""
         missing = []
-        for link in self.links:
+        for link in self.heard:
+            ours = link in self.links
             if link.heart is None:
                 missing.append(f"the HEARTBEAT of {link.name}")
-            elif any(name not in link.parameters for name in self.orders.parameters):
+            elif ours and any(name not in link.parameters for name in self.orders.parameters):
                 missing.append(f"parameters of {link.name}")
             elif link.age(now) > self._stale:
                 missing.append(f"{link.missing} of {link.name}")
-            else:
+            elif ours:
                 if link.heart.mode != self.orders.mode:
                     missing.append(
                         f"{link.name} in {self._mode(self.orders.mode)} (it is {self._mode(link.heart.mode)})"
@@ -257,11 +272,15 @@ class Pilot:
         there, faced = self.links[0].last
         origin = self.origin or Origin(there.latitude, there.longitude)
         heading = faced.euler[2] if self.heading is None else self.heading
-        place, course = self.mission.course(self.team)
+        self.phase, self._due, self._reported, self._taken = "acting", now, now, None
+        laid = self.mission.course(self.team)
+        if laid is None:
+            self._chart = Chart(origin, 0.0, (0.0, 0.0), 0.0, level=self.heard[-1].last[0].altitude)
+            return self.tell("acting")
+        place, course = laid
         afloat = self.team.fleet.model.medium == "water"
         (north, east), chi = place[0].tolist(), float(course[0])
         self._chart = Chart(origin, heading, (north, east), chi, afloat=afloat)
-        self.phase, self._due, self._reported, self._taken = "acting", now, now, None
         toward, along = (math.degrees(angle) % 360.0 for angle in (heading, chi))
         self.tell(
             f"acting: the course begins at {origin.latitude:.7f} {origin.longitude:.7f}, along {toward:.0f} deg "
@@ -273,7 +292,7 @@ class Pilot:
         turns = 1 + int((now - self._due) / self.interval)
         self.late += turns - 1
         self._due += turns * self.interval
-        ages = {link: link.age(now) for link in self.links}
+        ages = {link: link.age(now) for link in self.heard}
         worst = max(ages, key=lambda link: ages[link])
         if ages[worst] > LOST:
             silent = now - worst.heard
@@ -292,12 +311,15 @@ class Pilot:
         self._decide(now, ages[worst])
 
     def _decide(self, now: float, age: float) -> None:
-        began, name, fleet = time.perf_counter(), self.team.name, self.team.fleet
+        began, name, like = time.perf_counter(), self.team.name, self.team.fleet.state
         assert self._chart is not None, "no course"
-        states = torch.from_numpy(self._chart.states(self.links, now))[None].to(fleet.state)
-        self._blow(self._chart, states)
-        self.mission.follow({name: states}, None if self._taken is None else {name: self._taken})
-        for ending, flags in self.team.ended().items():
+        states = {
+            team: torch.from_numpy(self._chart.states(links, now))[None].to(like)
+            for team, links in {name: self.links, **self.followed}.items()
+        }
+        self._blow(self._chart, states[name])
+        self.mission.follow(states, None if self._taken is None else {name: self._taken})
+        for ending, flags in self.team.gives_up().items():
             if bool(flags.any()):
                 who = self.links[int(flags[0].nonzero()[0])].name
                 return self.end(f"{who}: {ending!r}, which ends an episode of {self.mission.config.name!r}", fault=True)
@@ -307,14 +329,27 @@ class Pilot:
             return self.end("the policy's actions are not finite", fault=True)
         for link, order in zip(self.links, given, strict=True):
             self.orders.give(link, order)
+        if bool(self.team.rests.all()):
+            self._rest()
         self.delays.append(time.perf_counter() - began)
         self.ages.append(age)
         self.decisions += 1
         self._report(now)
 
+    def _rest(self) -> None:
+        """All vehicles are where they were to go: stop their motors, if it may; else tell, and hold them there."""
+        if not self._rested:
+            self._rested = True
+            self.tell("all vehicles rest" + ("" if self.disarm else ": disarm them, they are held there until then"))
+        if self.disarm:
+            for link in self.links:
+                for _ in range(REPEATS):
+                    link.disarm()
+            self.ended = Ended("all vehicles rest; their motors were told to stop", False)
+
     def _blow(self, chart: Chart, states: torch.Tensor) -> None:
         """Write airspeed and wind, if the team's vehicles measure them, by their `states` [1, vehicle, 13]."""
-        fleet, (columns, _) = self.team.fleet, air_columns(self.team.fleet.model)
+        fleet, columns = self.team.fleet, self.team.observed_air
         if not columns:
             return
         wind = np.stack([chart.in_mission(link.wind) for link in self.links])

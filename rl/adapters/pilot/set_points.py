@@ -202,7 +202,7 @@ def orders_of(team: Team) -> Orders:
         return Velocity()
     if isinstance(model, Hull6Dof) and model.params.thrusters and model.params.actions in ("surge_yaw", "left_right"):
         return Sticks(model)
-    if names == VELOCITY_ACTIONS and isinstance(model.params, MultirotorParams):
+    if model.action_names == VELOCITY_ACTIONS and isinstance(model.params, MultirotorParams):
         return HeadingVelocity(model.params.control)
     raise ConfigError(
         f"{team.name}: a companion has no set points for the actions {', '.join(names)} of a {type(model).__name__}: "

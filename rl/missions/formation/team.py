@@ -9,7 +9,7 @@ from torch import Tensor
 from rl.guidance.controllers import controller_of
 from rl.guidance.course.obstacles import Bodies
 from rl.guidance.knowledge import Knowledge
-from rl.guidance.observations import MEANINGS, ObservationWriter
+from rl.guidance.observations import MEANINGS, ObservationWriter, air_columns
 from rl.guidance.residual import ResidualTeam
 from rl.guidance.targets_and_errors import Geometry, SlotErrors, Target, Targets
 from rl.missions.formation import rewards
@@ -89,6 +89,11 @@ class TeamTask(ResidualTeam):
     def layout(self) -> Mapping[str, int]:
         """Terms of the team's observations and their widths (observations.py)."""
         return self.writer.widths
+
+    @property
+    def observed_air(self) -> tuple[int, ...]:
+        """Those of aircraft."""
+        return air_columns(self.fleet.model)[0]
 
     def observations_now(self) -> Tensor:
         """Observations [env, vehicle, n] (observations.py), a fresh tensor each time."""

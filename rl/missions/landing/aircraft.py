@@ -35,6 +35,7 @@ RISE = 2.0  # m above the deck and beside its middle, up to where an aircraft th
 SQUARE = 1.5  # 1/s, at which it turns its nose square to the deck, for legs to have the most room; assumed
 
 
+RESTS = 0.5  # s on the deck, after which a companion has done its work; assumed
 FAILED = ("hard", "toppled", "slid", "collided")  # ends of the mission, besides those of the vehicle
 
 
@@ -424,6 +425,15 @@ class Aircraft(Team[Parts, LandingTeam]):
         late = (self.steps >= self.mission.config.episode_steps).unsqueeze(-1) & ~ends["landed"]
         return ends | {"late": late}
 
+    def gives_up(self) -> dict[str, Tensor]:
+        """Time is up; whether real aircraft touched hard, toppled or met the sea is not for telemetry to tell."""
+        return {"late": self.endings()["late"]}
+
+    @property
+    def rests(self) -> Tensor:
+        """Whether each aircraft has stood on its deck for `RESTS`, bool [env, aircraft]."""
+        return self.stood >= RESTS
+
     def ended(self) -> Endings:
         """All endings; an aircraft that has landed on a shared deck has no other."""
         ended = super().ended()
@@ -513,6 +523,13 @@ class SensingAircraft(Aircraft):
         super().sense(due)
         deck = self.deck
         self._look = self.marker.look(self.fleet, deck.place - self.fleet.position_n, deck.down, self.mission.hs, due)
+
+    @property
+    def seen_marker(self) -> tuple[Tensor, Tensor]:
+        """Whether each camera sees its marker, bool [env, aircraft]; where, from the aircraft, b, m, [.., 3]."""
+        self.mission.perceive()
+        assert self._look is not None
+        return self._look.found, (self.own.R_nb.mT @ self._look.place.unsqueeze(-1)).squeeze(-1)
 
     def conclude(self, due: Due) -> None:
         """Update the known decks by the looks and by the messages of the boats."""

@@ -208,6 +208,20 @@ class Landing(Mission[LandingScenario, BoatTeam | SensingAircraft]):
         made.aircraft.fleet.model = team.fleet.model  # whose kernels are compiled
         return made
 
+    @classmethod
+    def piloted(cls, config: LandingScenario, team: str) -> LandingScenario | None:
+        """Aircraft with a deck each; exact instruments, markers that are always found in sight, prompt messages."""
+        if team != config.landing.aircraft or config.teams[team].count != config.teams[config.landing.boats].count:
+            return None
+        calm = imagined_scenario(config, config.sea.components)
+        section = calm.parts[team]
+        sure = section.marker.model_copy(update={"loss": 0.0, "spray": 0.0})
+        return calm.model_copy(update={"vary": {}, team: section.model_copy(update={"marker": sure})})
+
+    def followed(self, team: BoatTeam | SensingAircraft) -> tuple[str, ...]:
+        """The boats."""
+        return (self.boats.fleet.name,)
+
     def frame(self, env: int) -> Frame:
         """Return the frame: the aircraft's distances from their deck's middle, and overlays (heights, the estimated
         deck, sight lines).

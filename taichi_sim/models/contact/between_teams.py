@@ -28,7 +28,7 @@ from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.kernels.runtime import Launcher
 from taichi_sim.models.contact import deck_motion
 from taichi_sim.models.contact.deck_and_legs import Deck
-from taichi_sim.models.contact.leg_contact import Touch
+from taichi_sim.models.contact.leg_contact import DOWN, SOLE_SIZE, Touch
 from taichi_sim.state.memory import Remembers
 from taichi_sim.state.snapshot import entries
 from taichi_sim.vehicle import Vehicle
@@ -181,6 +181,22 @@ class Contacts(Remembers):
     def _touches(self) -> list[Touch]:
         return [fleet.touch for fleet in self.legged.values() if fleet.touch is not None]
 
+    def suppose(self, within: float) -> None:
+        """Let all soles that are less than `within` (m) above a deck stand on it, and no others.
+
+        For vehicles that move elsewhere: no contact is computed then.
+        """
+        for fleet, touch in zip(self.legged.values(), self._touches, strict=True):
+            touch.pressing.zero_()
+            touch.soles.zero_()
+            for carriers in self.carriers:
+                height, over = soles_over_deck(fleet, carriers)
+                on = (height < within) & over  # [env, vehicle, carrier, leg]
+                touch.soles[..., SOLE_SIZE - 1 :: SOLE_SIZE] += DOWN * on.any(dim=2)
+                first = on.any(dim=3).to(torch.int8).argmax(dim=2)
+                deck = torch.where(on.any(dim=3).any(dim=2), 1 + carriers.base + first, 0)
+                touch.pressing[..., deck_motion.PRESSED] += deck
+
     # -- beginning -------------------------------------------------------------------------------------------------
 
     def place(self, fleet: Fleet[Vehicle], envs: Tensor) -> None:
@@ -228,6 +244,18 @@ def soles_in_deck(fleet: Fleet[Vehicle], carriers: Carriers, envs: Tensor) -> Te
 
     It is 0 where no sole is below, or where the vehicle's centre of gravity is not above the plane.
     """
+    height, over = soles_over_deck(fleet, carriers, envs)
+    depth = torch.where(over, -height, torch.zeros_like(height))
+    return depth.amax(dim=-1).clamp(min=0.0)
+
+
+def soles_over_deck(
+    fleet: Fleet[Vehicle], carriers: Carriers, envs: Tensor | slice = slice(None)
+) -> tuple[Tensor, Tensor]:
+    """Height [n, vehicle, carrier, leg] (m) of soles above the plane of decks; whether they are over their rectangles.
+
+    No sole is over a deck above whose plane the vehicle's centre of gravity is not.
+    """
     own, theirs = fleet.state[envs].double(), carriers.fleet.state[envs].double()
     points = fleet.model.soles(fleet).to(own)
     points = points[envs] if len(points) > 1 else points
@@ -239,5 +267,4 @@ def soles_in_deck(fleet: Fleet[Vehicle], carriers: Carriers, envs: Tensor) -> Te
     in_b = (R_c.mT[:, None, :, None] @ away.unsqueeze(-1)).squeeze(-1) - own.new_tensor(carriers.deck.centre)
     over = (in_b[..., HORIZONTAL].abs() <= own.new_tensor(carriers.deck.half)).all(dim=-1)
     above = in_b[..., :1, BELOW] < 0
-    depth = in_b[..., BELOW]
-    return torch.where(over & above, depth, torch.zeros_like(depth))[..., 1:].amax(dim=-1).clamp(min=0.0)
+    return -in_b[..., 1:, BELOW], (over & above)[..., 1:]
