@@ -41,7 +41,9 @@ class StageConfig(Strict):
 
     team: Annotated[str, Field(min_length=1)]  # the team that learns
     joint: tuple[Annotated[str, Field(min_length=1)], ...] = ()  # other teams that learn at the same time
-    frozen: tuple[Annotated[str, Field(min_length=1)], ...] | None = None  # act frozen; default: all trained before
+    frozen: tuple[Annotated[str, Field(min_length=1)], ...] | None = (
+        None  # TEAM or TEAM=POLICY; default: all trained before
+    )
     keep: Literal["last", "better"] = "last"  # better: the stage is dropped if the team then does worse than before
     start_from: Annotated[str, Field(min_length=1)] | None = None  # a run's folder, or a checkpoint: its weights
     set: Annotated[dict[str, object], BeforeValidator(flattened)] = {}  # changes of the scenario in this stage, by key
@@ -67,6 +69,11 @@ class StageConfig(Strict):
     def learners(self) -> tuple[str, ...]:
         """All teams that learn in this stage."""
         return (self.team, *self.joint)
+
+    @property
+    def acting(self) -> tuple[str, ...] | None:
+        """Teams that act frozen in this stage; None: all that were trained before."""
+        return None if self.frozen is None else tuple(text.partition("=")[0] for text in self.frozen)
 
 
 class Evaluation(Strict):
@@ -96,6 +103,17 @@ class Scenario(WorldConfig):
         """Teams that some stage trains, in the order of the file."""
         learning = {team for stage in self.stages.values() for team in stage.learners}
         return tuple(name for name in self.teams if name in learning)
+
+    @property
+    def given(self) -> dict[str, str]:
+        """Teams that act by a policy from elsewhere: team -> TEAM=POLICY, as a stage's `frozen` names it."""
+        texts = (text for stage in self.stages.values() for text in stage.frozen or ())
+        return {text.partition("=")[0]: text for text in texts if "=" in text}
+
+    @property
+    def acting(self) -> tuple[str, ...]:
+        """Teams that act by policies, trained ones and given ones, in the order of the file."""
+        return tuple(name for name in self.teams if name in self.trained or name in self.given)
 
     @property
     def corrected(self) -> tuple[str, ...]:
@@ -163,14 +181,19 @@ class Scenario(WorldConfig):
                         f"stages.{name}.keep = 'better': {team} has learnt nothing before, so there is nothing to "
                         "compare with; train it in an earlier stage, or give start_from"
                     )
-            for team in stage.frozen or ():
-                self._check_learner(f"stages.{name}.frozen = {list(stage.frozen or ())}", team)
+            key = f"stages.{name}.frozen = {list(stage.frozen or ())}"
+            for team in stage.acting or ():
+                self._check_learner(key, team)
                 if team in stage.learners:
-                    raise ValueError(f"stages.{name}.frozen = {list(stage.frozen or ())}: {team} learns in this stage")
-                if team not in first:
+                    raise ValueError(f"{key}: {team} learns in this stage")
+                if team in self.trained and team in self.given:
                     raise ValueError(
-                        f"stages.{name}.frozen = {list(stage.frozen or ())}: no stage before this one trains {team}; "
-                        "put one there, or leave it out"
+                        f"{key}: {team} has a given policy, and a stage that trains it: leave one of them out"
+                    )
+                if team not in first and team not in self.given:
+                    raise ValueError(
+                        f"{key}: no stage before this one trains {team}; put one there, name its policy "
+                        f"({team}=pretrained, {team}=FILE.onnx or {team}=RUN), or leave it out"
                     )
             if len(set(stage.learners)) < len(stage.learners):
                 raise ValueError(

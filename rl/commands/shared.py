@@ -171,7 +171,7 @@ def controllers_of(args: argparse.Namespace, kind: str, config, source: Path) ->
         given = policies_from(args.policy, config, beside=[source.parent])
         tell_unnamed(given)
         found |= given
-    return {name: of for name, of in found.items() if name in config.trained}
+    return {name: of for name, of in found.items() if name in config.acting}
 
 
 def tell_unnamed(policies) -> None:

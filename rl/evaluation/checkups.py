@@ -16,6 +16,7 @@ from tqdm import tqdm
 from rl.evaluation.episodes import mission_class, one_episode_each, run_episodes
 from rl.evaluation.judge import Episodes, Judge, finite
 from rl.learn.policy import UNTRAINED, ClassicalPolicy, Policy, TrainedPolicy, checkpoints, load_policy
+from rl.learn.policy_sources import given_policies
 from rl.learn.progress import CHECKUPS, HISTORY, read_rows, spent, write_rows
 from rl.mission import ControllerError, Mission, Team
 from rl.runs import ranks
@@ -100,8 +101,9 @@ def _plan(config: Scenario, out: Path, name: str) -> _Plan | None:
     learned = [
         (k, {team: load_policy(out, config, team, begun[team] + k) for team in stage.learners}) for k in sorted(numbers)
     ]
-    acting = stage.frozen if stage.frozen is not None else [team for team in config.trained if begun[team]]
-    frozen = {t: load_policy(out, config, t, begun[t]) for t in acting if t not in stage.learners}
+    acting = stage.acting if stage.acting is not None else [team for team in config.trained if begun[team]]
+    given = given_policies(config)
+    frozen = {t: given.get(t) or load_policy(out, config, t, begun[t]) for t in acting if t not in stage.learners}
     return _Plan(learned, frozen, not any(row["controller"] == "classical" for row in rows))
 
 

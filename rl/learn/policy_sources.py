@@ -207,7 +207,7 @@ def policies_from(
         CheckpointError: if a source cannot be used.
         ConfigError: if a module cannot be imported.
     """
-    wanted = list(config.trained if teams is None else teams)
+    wanted = list(config.acting if teams is None else teams)
     found: dict[str, Policy] = {}
     named_teams = [text.partition("=")[0] for text in sources if "=" in text and not Path(text).exists()]
     if twice := [team for team in named_teams if named_teams.count(team) > 1]:
@@ -248,7 +248,16 @@ def _of_run(run: Path, config: Scenario) -> dict[str, Policy]:
         own = load_scenario(file)
     except ConfigError:
         own = config
-    return policies_of("policy", run, own)
+    return policies_of("policy", run, own) | given_policies(own)
+
+
+def given_policies(config: Scenario) -> dict[str, Policy]:
+    """The policies that stages of a scenario name for teams which they do not train: team -> policy.
+
+    Raises:
+        CheckpointError: if there is none.
+    """
+    return policies_from(list(config.given.values()), config, list(config.given))
 
 
 def _of_function(name: str, beside: Sequence[Path]) -> RowPolicy:

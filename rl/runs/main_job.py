@@ -21,6 +21,7 @@ from rl.evaluation.report import write_report
 from rl.evaluation.store import FILM, save_evaluation, save_headroom
 from rl.learn.env import Watch
 from rl.learn.policy import UNTRAINED, Policy, load_policy, policies_of
+from rl.learn.policy_sources import given_policies
 from rl.learn.progress import HISTORY, spent, team_history
 from rl.learn.stages import Observers, train_stages
 from rl.runs import folder as run_folder
@@ -64,6 +65,7 @@ def run_main_job(
             show_progress=show_progress, observers=Observers(logger, watch, checkup),
         )  # fmt: skip
         policies: dict[str, Policy] = ranks.broadcast(lambda: {t: load_policy(out, config, t) for t in config.trained})
+        policies |= given_policies(config)
         evaluation = _evaluate(config, policies, out, source, show_progress)
         if evaluation is None:  # not rank 0
             return None
@@ -90,8 +92,9 @@ def _picture(config: Scenario, policies: Mapping[str, Policy], out: Path, show_p
     The film shows what is not measured at the episode's start and as much again, or all of it if all is measured.
     """
     source = out / run_folder.CONFIG
-    kept = all((out / team / UNTRAINED).is_file() for team in policies)
-    teams = ({"untrained": policies_of("untrained", out, config)} if kept else {}) | {"trained": policies}
+    kept = all((out / team / UNTRAINED).is_file() for team in config.trained)
+    untrained = {"untrained": {**policies, **policies_of("untrained", out, config)}} if kept else {}
+    teams = untrained | {"trained": policies}
     shown = {
         caption: record_episode(config, of, seed=config.evaluation.seed, source=source, show_progress=show_progress)
         for caption, of in teams.items()
@@ -100,7 +103,7 @@ def _picture(config: Scenario, policies: Mapping[str, Policy], out: Path, show_p
     until = 2.0 * config.evaluation.settle or config.episode_duration
     write_film(shown, out / FILM, size=FILM_SIZE, fps=FILM_FPS, speed=until / FILM_S, until=until)
     episode = shown["trained"]
-    histories = {team: team_history(out / team) for team in policies}
+    histories = {team: team_history(out / team) for team in config.trained}
     mission_class(config, source).draw_figures(out / FIGURES, histories, episode, config)
 
 
@@ -108,6 +111,7 @@ def _loss(config: Scenario, source: Path | None, policies: Mapping[str, Policy])
     """Loss of the teams (Judge.loss) on episodes used neither for training nor for evaluation."""
     judge, seed = mission_class(config, source).Judge, derive_seed(config.seed, "better")
     with runtime.torch_at_rest():
+        policies = {**given_policies(config), **policies}
         teams = {name: policies[name] for name in config.teams if name in policies}
         mission = one_episode_each(config, tuple(teams), min(config.evaluation.episodes, CHUNK), seed, source)
         seen = run_episodes(mission, teams)
@@ -120,7 +124,7 @@ def _evaluate(
     """Evaluate policies and classical controllers, store both in the run's folder, return the policies' result."""
     rivals = policies_of("classical", out, config)
     trials = [
-        Trial(config, {team: of[team] for team in config.trained}, config.evaluation.episodes, config.evaluation.seed,
+        Trial(config, {team: of[team] for team in config.acting}, config.evaluation.episodes, config.evaluation.seed,
               controller, source)
         for controller, of in (("policy", policies), ("classical", rivals))
     ]  # fmt: skip

@@ -7,7 +7,9 @@ import pytest
 import torch
 from command_line import ITERATIONS, TINY, forget, iterations, sets
 
-from rl.learn.policy import checkpoints, read_checkpoint
+from rl.evaluation.episodes import judge_episodes
+from rl.learn.policy import TrainedPolicy, checkpoints, read_checkpoint
+from rl.learn.policy_sources import RowPolicy, policies_from, shipped_policies
 from rl.learn.stages import train_stages
 from rl.missions import load_scenario
 from rl.runs import folder as run_folder
@@ -109,6 +111,8 @@ def test_training_starts_from_the_weights_of_another_run(run, tmp_path):
         (['stages.usv.keep="better"'], ["stages.usv.keep", "nothing to compare", "start_from"]),
         (['stages.usv.frozen=["uav"]'], ["stages.usv.frozen", "uav", "no stage before"]),
         (['stages.uav.frozen=["uav"]'], ["stages.uav.frozen", "learns"]),
+        (['stages.uav.frozen=["usv=pretrained"]'], ["stages.uav.frozen", "a given policy, and a stage that trains it"]),
+        (['stages.uav.frozen=["usw=pretrained"]'], ["stages.uav.frozen", "did you mean 'usv'"]),
     ],
 )
 def test_stages_that_cannot_be_are_refused(overrides, words):
@@ -116,6 +120,24 @@ def test_stages_that_cannot_be_are_refused(overrides, words):
         load_scenario("paper", overrides)
     for word in words:
         assert word in str(refused.value)
+
+
+def test_a_team_acts_by_a_policy_of_the_package_that_no_stage_trains(here, tmp_path):
+    """Aircraft of the paper learn while its boats act by the shipped policy, in training and in what follows it."""
+    tiny = [text for text in TINY if not text.startswith("stages.usv")]
+    out, given = tmp_path / "out", 'stages.uav.frozen=["usv=pretrained"]'
+    done = here("rl.train", "--config", "paper", "--out", out, "--threads", "1", *sets(*tiny, given))
+    assert done.status == 0, done.err
+    config, _ = run_folder.load_config(out)
+    assert config.trained == ("uav",) and config.acting == ("usv", "uav") and not (out / "usv").exists()
+    acting = policies_from([str(out)], config)
+    assert isinstance(acting["usv"], RowPolicy) and isinstance(acting["uav"], TrainedPolicy)
+    told = json.loads((out / "summary.json").read_text())["evaluation"]["teams"]["usv"]
+    both = {"usv": shipped_policies("paper")["usv"], "uav": acting["uav"]}
+    judged = judge_episodes(config, both, episodes=4, seed=config.evaluation.seed, show_progress=False)
+    assert told["team_error_m"] == pytest.approx(judged.result["teams"]["usv"]["team_error_m"])
+    missing = [text.replace("pretrained", "nobody.onnx") for text in (*tiny, given)]
+    here("rl.train", "--config", "paper", "--out", tmp_path / "other", *sets(*missing)).fails("nobody.onnx")
 
 
 def test_a_start_that_is_not_there_is_named_before_anything_is_made(here, tmp_path):
