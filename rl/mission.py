@@ -251,9 +251,11 @@ class Mission(Stateful, Generic[C, T]):
         """
         return None
 
-    def followed(self, team: T) -> tuple[str, ...]:
-        """Other teams of which a companion of `team` must know each vehicle by telemetry. Default: none."""
-        return ()
+    def followed(self, team: T) -> Mapping[str, float]:
+        """Other teams of which a companion of `team` must know each vehicle by telemetry, one for each of `team`; from
+        how near it (m) a vehicle may begin. Default: none.
+        """
+        return {}
 
     # -- what others use -------------------------------------------------------------------------------------------
 

@@ -16,6 +16,7 @@ from taichi_sim.config.vary import flattened
 
 WHOLE = ("name", "seed", "mission", "stages", "evaluation")  # sections that are the same in all stages
 
+PRETRAINED = "pretrained"  # the policies that come with the package
 MOST_VEHICLES = 64  # of a team, among the random numbers of sensors
 
 
@@ -42,7 +43,7 @@ class StageConfig(Strict):
     team: Annotated[str, Field(min_length=1)]  # the team that learns
     joint: tuple[Annotated[str, Field(min_length=1)], ...] = ()  # other teams that learn at the same time
     frozen: tuple[Annotated[str, Field(min_length=1)], ...] | None = (
-        None  # TEAM or TEAM=POLICY; default: all trained before
+        None  # TEAM or TEAM=pretrained; default: all there are
     )
     keep: Literal["last", "better"] = "last"  # better: the stage is dropped if the team then does worse than before
     start_from: Annotated[str, Field(min_length=1)] | None = None  # a run's folder, or a checkpoint: its weights
@@ -106,7 +107,7 @@ class Scenario(WorldConfig):
 
     @property
     def given(self) -> dict[str, str]:
-        """Teams that act by a policy from elsewhere: team -> TEAM=POLICY, as a stage's `frozen` names it."""
+        """Teams that act by a policy of the package, as a stage's `frozen` says: team -> TEAM=pretrained."""
         texts = (text for stage in self.stages.values() for text in stage.frozen or ())
         return {text.partition("=")[0]: text for text in texts if "=" in text}
 
@@ -192,9 +193,13 @@ class Scenario(WorldConfig):
                     )
                 if team not in first and team not in self.given:
                     raise ValueError(
-                        f"{key}: no stage before this one trains {team}; put one there, name its policy "
-                        f"({team}=pretrained, {team}=FILE.onnx or {team}=RUN), or leave it out"
+                        f"{key}: no stage before this one trains {team}; put one there, let it act by the package's "
+                        f"policy ({team}=pretrained), or leave it out"
                     )
+                if self.given.get(team, f"{team}={PRETRAINED}") != f"{team}={PRETRAINED}":
+                    raise ValueError(f"{key}: {self.given[team]!r}: the only policy of another place is {PRETRAINED}")
+            if len(set(stage.acting or ())) < len(stage.acting or ()):
+                raise ValueError(f"{key}: names a team twice")
             if len(set(stage.learners)) < len(stage.learners):
                 raise ValueError(
                     f"stages.{name}.joint = {list(stage.joint)}: names a team twice, or stages.{name}.team"

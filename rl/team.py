@@ -173,8 +173,13 @@ class Team(Remembers, Generic[M, S]):
 
     @property
     def rests(self) -> Tensor:
-        """Vehicles that rest where they were to go, bool [env, vehicle]: a companion is done. Default: none ever."""
+        """Vehicles at rest where they were to go, bool [env, vehicle]: a companion is done. Default: none ever."""
         return self.fleet.never
+
+    @property
+    def stopped_down(self) -> Tensor:
+        """Vertical velocity [env, vehicle] (down, m/s) at which a companion stops each aircraft. Default: none."""
+        return torch.zeros_like(self.fleet.state[..., 0])
 
     def _checked(self, what: str, value: object, expected: str, axes: int, *kinds: torch.dtype) -> None:
         """Refuse what a team's class returns and is no tensor of all its vehicles, with `axes`, of one of `kinds`.

@@ -98,16 +98,18 @@ def contest(run: Path, args: argparse.Namespace, classical: dict[str, Any]) -> t
     """
     from rl.evaluation.episodes import judge_episodes, mission_class
     from rl.learn.policy import policies_of
+    from rl.learn.policy_sources import given_policies
     from rl.runs.folder import load_config
     from taichi_sim.config.io import toml_text
 
     config, source = load_config(run, args.overrides)
+    given = given_policies(config)
     key = toml_text(config.model_copy(update={"seed": 0, "stages": {}}))
 
     def judged(controller: str) -> Any:
-        policies = policies_of(controller, run, config)
+        policies = {**policies_of(controller, run, config), **(given if controller == "policy" else {})}
         return judge_episodes(
-            config, {team: policies[team] for team in config.trained},
+            config, {team: policies[team] for team in config.acting},
             episodes=args.episodes or config.evaluation.episodes,
             seed=config.evaluation.seed if args.seed is None else args.seed,
             controller=controller, source=source, show_progress=not args.quiet,

@@ -297,16 +297,18 @@ def companions(policy: str, config: Any, source: Path, count: int) -> list[Calla
     """What makes companions of the `policy` (a run folder, or a scenario's name), each in one of `count` missions.
 
     Raises:
-        CheckpointError: if there is none.
+        CheckpointError: if there is none of the aircraft.
     """
-    from rl.learn.policy import load_policy
-    from rl.learn.policy_sources import shipped_policies
+    from rl.commands import shared
+    from rl.learn.policy import CheckpointError
+    from rl.learn.policy_sources import policies_from, shipped_policies
     from rl.missions.landing.mission import Landing
 
-    name, folder = config.landing.aircraft, Path(policy)
-    found = {name: load_policy(folder, config, name)} if folder.is_dir() else shipped_policies(policy)
-    sea = Landing.piloted(config, name)
-    assert sea is not None, "one aircraft"
+    name = config.landing.aircraft
+    found = policies_from([policy], config) if shared.is_run(Path(policy)) else shipped_policies(policy)
+    if name not in found:
+        raise CheckpointError(f"--companion {policy}: no policy of {name}, but of {' and '.join(found)}")
+    sea: Any = Landing.piloted(config, name)
     missions = [Landing(sea, 1, seed=config.seed, teams=(name,), source=source)]
     missions += [missions[0]._alike(1) for _ in range(count - 1)]
     return [partial(Companion, found, mission) for mission in missions]
@@ -460,8 +462,10 @@ def main(argv: list[str] | None = None) -> None:
         raise MissingExtraError("pymavlink", "ardupilot") from None
     source = find_config(args.config)
     config = load_scenario(source, args.overrides)
-    if not isinstance(config, LandingScenario) or config.teams[config.landing.aircraft].count != 1:
-        raise ConfigError(f"{args.config}: needs the mission landing, with one aircraft")
+    if not isinstance(config, LandingScenario) or {part.count for part in config.parts.values()} != {1}:
+        raise ConfigError(f"{args.config}: needs the mission landing, with one aircraft and one boat")
+    if args.companion is not None and args.precision:
+        raise ConfigError("--companion and --precision: either brings the copter down: leave one of them out")
     args.threads = args.threads or 1
     shared.start(args)
     steer = [] if args.companion is None else companions(args.companion, config, source, most)

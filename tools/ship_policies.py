@@ -83,6 +83,8 @@ def ship(runs: list[Path], name: str, place: Path, args: argparse.Namespace) -> 
             export_onnx(policy.actor.as_onnx(verbose=False), policy.num_observations, file, policy.signature)
             made = {key: meta.get(key) for key in MADE} | {"command": trained_by(meta["command"])}
             teams[team] = made | {"sha256": hashed(file), "bytes": file.stat().st_size} | dict(policy.signature)
+        for team in own.given:  # which are of the package already
+            teams[team] = read_json(place / name / ABOUT, dict[str, Any])["teams"][team]
     policies = {team: read_onnx(place / name / f"{team}{SUFFIX}") for team in teams}
     result = judge_episodes(
         config, policies, episodes=config.evaluation.episodes, seed=config.evaluation.seed, source=source,

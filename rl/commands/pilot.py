@@ -132,10 +132,16 @@ def made(args: argparse.Namespace, addresses, wires, tell):
     if args.guided and orders.station:
         raise ConfigError("--guided: this policy commands thrust and yaw, which only MANUAL obeys: set it yourself")
     others = mission.followed(mission.teams[team])
+    if not others and args.follow:
+        raise ConfigError(f"--follow {args.follow[0]}: this policy follows nobody")
+    laid = {"--origin": args.origin, "--heading": args.heading, "--seed": args.seed}
+    if useless := [name for name, value in laid.items() if value is not None]:
+        if mission.course(mission.teams[team]) is None:
+            raise ConfigError(f"{useless[0]}: there is no course in {config.mission!r} that could begin somewhere")
     members = [(name, k) for name in (team, *others) for k in range(config.teams[name].count)]
     if len(members) != len(addresses):
         wanted = " and ".join(f"{config.teams[name].count} of {name}" for name in others) or "none"
-        raise ConfigError(f"{len(args.follow)} x --follow: expected {wanted}, vehicles that this policy must know")
+        raise ConfigError(f"{len(args.follow)} x --follow: expected {wanted}, which this policy must know")
     links: dict[str, list[Link]] = {}
     for (name, k), address, wire in zip(members, addresses, wires, strict=True):
         title = f"{'vehicle' if name == team else name} {k + 1} ({address})"

@@ -40,8 +40,9 @@ def main(argv: list[str] | None = None) -> None:
     args = parser().parse_args(argv)
     from rl.commands import shared
     from rl.evaluation import benchmark
-    from rl.learn.policy_sources import PRETRAINED, policies_from
+    from rl.learn.policy_sources import policies_from
     from rl.runs.folder import describe_machine, write_json
+    from rl.scenario import PRETRAINED
 
     task, config, levels = benchmark.open_task(args.task)
     sources = args.policy or [PRETRAINED]

@@ -157,8 +157,9 @@ def controllers_of(args: argparse.Namespace, kind: str, config, source: Path) ->
         RunError: if --policy and --controller exclude each other, or a scenario has no untrained policy.
     """
     from rl.learn.policy import policies_of
-    from rl.learn.policy_sources import PRETRAINED, policies_from
+    from rl.learn.policy_sources import given_policies, policies_from
     from rl.runs.folder import RunError
+    from rl.scenario import PRETRAINED
 
     if args.policy and args.controller != "policy":
         raise RunError(f"--policy {args.policy[0]}: --controller {args.controller} controls: leave one of them out")
@@ -167,6 +168,8 @@ def controllers_of(args: argparse.Namespace, kind: str, config, source: Path) ->
     if kind == "policy" and not args.policy:
         return policies_from([str(args.run) if is_run(args.run) else PRETRAINED], config)
     found = policies_of("classical" if kind == "policy" else kind, args.run, config)
+    if kind in ("policy", "untrained"):
+        found |= given_policies(config)
     if kind == "policy":
         given = policies_from(args.policy, config, beside=[source.parent])
         tell_unnamed(given)

@@ -101,8 +101,8 @@ def _plan(config: Scenario, out: Path, name: str) -> _Plan | None:
     learned = [
         (k, {team: load_policy(out, config, team, begun[team] + k) for team in stage.learners}) for k in sorted(numbers)
     ]
-    acting = stage.acting if stage.acting is not None else [team for team in config.trained if begun[team]]
     given = given_policies(config)
+    acting = stage.acting if stage.acting is not None else [*given, *(t for t in config.trained if begun[t])]
     frozen = {t: given.get(t) or load_policy(out, config, t, begun[t]) for t in acting if t not in stage.learners}
     return _Plan(learned, frozen, not any(row["controller"] == "classical" for row in rows))
 

@@ -25,14 +25,14 @@ from torch import Tensor
 
 from rl.learn.policy import CheckpointError, Policy, check_signature, policies_of
 from rl.missions import load_scenario
-from rl.scenario import Scenario
+from rl.scenario import PRETRAINED, Scenario
 from rl.team import Team
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder
 from taichi_sim.config.plugins import is_plugin, load_class
 from taichi_sim.kernels import runtime
 
-PRETRAINED, SUFFIX = "pretrained", ".onnx"
+SUFFIX = ".onnx"
 KINDS = f"a run's folder, {PRETRAINED}, FILE{SUFFIX} or module:function"
 ABOUT = "policies.json"  # beside shipped policies: how they were made, their figures and sums
 SAME = 1e-4  # actions that rounding alone may differ by, between batches of other sizes
@@ -252,12 +252,15 @@ def _of_run(run: Path, config: Scenario) -> dict[str, Policy]:
 
 
 def given_policies(config: Scenario) -> dict[str, Policy]:
-    """The policies that stages of a scenario name for teams which they do not train: team -> policy.
+    """The policies of the package by which teams act that no stage of a scenario trains (`Scenario.given`).
 
     Raises:
         CheckpointError: if there is none.
     """
-    return policies_from(list(config.given.values()), config, list(config.given))
+    try:
+        return policies_from(list(config.given.values()), config, list(config.given))
+    except CheckpointError as error:
+        raise CheckpointError(f"frozen = {list(config.given.values())}: {error}") from None
 
 
 def _of_function(name: str, beside: Sequence[Path]) -> RowPolicy:

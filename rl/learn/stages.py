@@ -96,7 +96,8 @@ def train_stage(
     rank = (place.rank,) if place.rank else ()  # each rank has its own worlds, seas, starts and exploration
     seed = derive_seed(config.seed, name, done, *rank)
     torch.manual_seed(seed)
-    acting = policies if stage.acting is None else stage.acting
+    frozen: dict[str, Policy] = {**given_policies(config), **policies}
+    acting = frozen if stage.acting is None else stage.acting
     teams = tuple(t for t in config.teams if t in stage.learners or t in acting)
     here = at_stage(config, name)
     envs, worlds = ranks.envs_each(stage.num_envs), derive_seed(config.seed, name, *rank)
@@ -113,7 +114,6 @@ def train_stage(
             runner.load(str(begins))
         return runner
 
-    frozen = {**given_policies(config), **policies}
     others: dict[str, Policy | None] = {t: frozen.get(t) for t in teams}
     companions = [Companion(runner_of(t, {o: others[o] for o in teams if o != t})) for t in stage.joint]
     others |= {companion.env.team: companion for companion in companions}

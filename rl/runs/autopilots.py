@@ -12,9 +12,9 @@ from torch import Tensor
 
 from rl.evaluation.episodes import mission_class
 from rl.learn.policy import ClassicalPolicy, Policy, load_policy
-from rl.learn.policy_sources import PRETRAINED, shipped_policies
+from rl.learn.policy_sources import shipped_policies
 from rl.mission import Mission, Team
-from rl.scenario import Scenario, derive_seed
+from rl.scenario import PRETRAINED, Scenario, derive_seed
 from taichi_sim.applications.sitl.channels import changes_for
 from taichi_sim.applications.sitl.lockstep import LockstepWorld
 from taichi_sim.config import ConfigError

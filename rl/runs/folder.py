@@ -111,8 +111,10 @@ def create(out: Path, config: Scenario, source: Path) -> None:
         CheckpointError: if a stage's `start_from` does not exist.
     """
     from rl.learn.policy import UNTRAINED, write_checkpoint
+    from rl.learn.policy_sources import given_policies
     from rl.learn.stages import starting_weights
 
+    given_policies(config)  # or it is said now that there are none
     weights = starting_weights(config, source.parent)
     refuse_existing(out)
     made, out = out, _part(out)  # so that a kill leaves no partial run

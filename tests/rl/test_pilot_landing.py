@@ -44,6 +44,7 @@ class Sea:
         )
         self.real.begin_each()
         self.team, self.armed, self.time, self.news = self.real.teams["uav"], True, 0.0, []
+        self.obeys, self.told_off = True, (0.0, 0.0, 0.0)  # whether it disarms; how far off the boat's place is told, m
         self.sent: tuple[dict, dict] = ({}, {})
         self._out = [kinds.MAVLink(None, srcSystem=k + 1, srcComponent=1) for k in range(2)]
         self._links = [Link(name, lambda data, k=k: self._hear(k, data)) for k, name in enumerate(("copter", "boat"))]
@@ -59,12 +60,14 @@ class Sea:
             self.sent[k].setdefault(m.get_type(), []).append(m)
             if k == 0 and m.get_type() == "COMMAND_LONG" and m.command == 400:
                 assert (m.param1, m.param2) == (0.0, FORCED)
-                self.armed = False
+                self.armed = not self.obeys
 
     def _tell(self) -> None:
         fleets = self.team.fleet, self.real.boats.fleet
         for link, out, fleet, kind in zip(self._links, self._out, fleets, (2, 11), strict=True):
-            for data in boat_tells(out, self.time, fleet.state[0, 0].double().numpy()):
+            state = fleet.state[0, 0].double().numpy()
+            state[:3] += self.told_off if kind == 11 else 0.0
+            for data in boat_tells(out, self.time, state):
                 link.receive(data, self.time)
             mode, armed = (GUIDED, 128 * self.armed) if kind == 2 else (0, 0)
             link.receive(out.heartbeat_encode(kind, 3, armed, mode, 4).pack(out), self.time)
@@ -145,12 +148,55 @@ def test_a_companion_lands_a_copter_on_a_boat_and_stops_its_motors_if_it_may():
 def test_without_leave_to_disarm_it_is_held_down_until_somebody_does():
     sea = Sea(disarm=False).run(20.0)
     assert sea.pilot.ended is None and sea.armed and bool(sea.team.standing)
-    assert any(text.startswith("all vehicles rest: disarm them") for text in sea.news)
+    assert "copter rests: disarm it, it is held there until then" in sea.news
     last = sea.sent[0]["SET_POSITION_TARGET_LOCAL_NED"][-1]
     assert last.vz == pytest.approx(sea.team.fleet.model.demands.descent)  # its rotors idle
     sea.armed = False
     sea.run(1.0)
-    assert sea.pilot.ended is not None and not sea.pilot.ended.fault and "disarmed" in sea.pilot.ended.why
+    assert sea.pilot.ended is not None and not sea.pilot.ended.fault and "rest, and are" in sea.pilot.ended.why
+
+
+@pytest.mark.slow
+def test_motors_that_do_not_stop_are_told_again_and_then_named():
+    sea = Sea(disarm=True)
+    sea.obeys = False
+    sea.run(25.0)
+    assert sea.pilot.ended is not None and sea.pilot.ended.fault and "does not stop its motors" in sea.pilot.ended.why
+    orders = [m for m in sea.sent[0]["COMMAND_LONG"] if m.command == 400]
+    assert 5 <= len(orders) <= 6  # one a second
+    last = sea.sent[0]["SET_POSITION_TARGET_LOCAL_NED"][-1]
+    assert last.vz == pytest.approx(sea.team.fleet.model.demands.descent)  # it is not told to hover on the deck
+
+
+@pytest.mark.slow
+def test_one_that_is_stopped_near_the_deck_rises_from_it():
+    sea = Sea(disarm=True)
+    while float(sea.team.distance) > 1.0:
+        sea.run(0.1)
+    sea.pilot.end("interrupted")
+    assert sea.sent[0]["SET_POSITION_TARGET_LOCAL_NED"][-1].vz < 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("up", [1.5, -1.5])
+def test_a_copter_whose_boat_tells_another_height_is_not_disarmed_in_the_air(up):
+    """Its height over the deck by telemetry is wrong by 1.5 m, either way."""
+    sea = Sea(disarm=True)
+    sea.told_off = (0.0, 0.0, -up)
+    for _ in range(200):
+        armed = sea.armed
+        sea.run(0.1)
+        assert sea.armed or not armed or float(sea.team.height) < 0.1
+    assert not sea.pilot.ended or not sea.armed or sea.pilot.ended.fault
+
+
+def test_a_boat_that_is_elsewhere_is_named_before_anything_is_ordered():
+    sea = Sea(disarm=True)
+    sea.told_off = (500.0, 0.0, 0.0)
+    sea.run(1.0)
+    assert sea.pilot.phase == "waiting"
+    assert sea.news[-1].startswith("waiting for copter within 8 m of boat, 2 m above it (it is 49")
+    assert "SET_POSITION_TARGET_LOCAL_NED" not in sea.sent[0]
 
 
 @pytest.mark.slow
@@ -173,9 +219,14 @@ def test_a_boat_that_falls_silent_stops_the_copter_in_the_air(silent):
     ("arguments", "words"),
     [
         (("landing",), ("0 x --follow", "1 of usv")),
-        (("landing", "--set", "uav.count=2", "--connect", "udp:127.0.0.1:{}"), ("landing", "no companion for uav")),
+        (("landing", "--set", "uav.count=2", "--connect", "udp:127.0.0.1:{}"), ("--set usv.count=2",)),
         (("cruise", "--team", "usv", "--set", "usv.count=1", "--disarm"), ("--disarm", "landings")),
-        (("cruise", "--team", "usv", "--set", "usv.count=1", "--follow", "udp:127.0.0.1:{}"), ("1 x --follow", "none")),
+        (
+            ("cruise", "--team", "usv", "--set", "usv.count=1", "--follow", "udp:127.0.0.1:{}"),
+            ("--follow", "follows nobody"),
+        ),
+        (("landing", "--follow", "udp:127.0.0.1:{}", "--heading", "90"), ("--heading", "no course")),
+        (("landing", "--follow", "udp:127.0.0.1"), ("connection udp:127.0.0.1", "expected")),
     ],
 )
 def test_what_a_landing_needs_is_named(arguments, words, here):

@@ -150,8 +150,8 @@ def test_evaluate_takes_a_scenario_and_a_file_for_one_team(here, tmp_path):
     ending = here(*LAZY, "paper", "--set", "evaluation.settle=1", "--policy", boats)
     assert ending.status == 0, ending.err
     assert json.loads(ending.out)["teams"].keys() == {"usv", "uav"}
-    told = ("escort: no policies come with the package", "train --config escort", "--policy")
-    here(LAZY[0], "escort").fails(*told)
+    told = ("mine: no policies come with the package", "train --config mine", "--policy")
+    here(LAZY[0], "paper", "--set", "name='mine'").fails(*told)
     here(*LAZY, "paper", "--policy", "x.onnx", "--controller", "classical").fails("x.onnx", "leave one of them out")
     here(*LAZY, "otters").fails("otters: not a run folder", "nor a scenario", "shipped scenarios: ")
 

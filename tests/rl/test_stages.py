@@ -113,6 +113,8 @@ def test_training_starts_from_the_weights_of_another_run(run, tmp_path):
         (['stages.uav.frozen=["uav"]'], ["stages.uav.frozen", "learns"]),
         (['stages.uav.frozen=["usv=pretrained"]'], ["stages.uav.frozen", "a given policy, and a stage that trains it"]),
         (['stages.uav.frozen=["usw=pretrained"]'], ["stages.uav.frozen", "did you mean 'usv'"]),
+        (['stages.uav.frozen=["usv","usv"]'], ["stages.uav.frozen", "names a team twice"]),
+        (["stages={}", "stages.a.team='uav'", 'stages.a.frozen=["usv=x.onnx"]'], ["stages.a.frozen", "pretrained"]),
     ],
 )
 def test_stages_that_cannot_be_are_refused(overrides, words):
@@ -136,8 +138,11 @@ def test_a_team_acts_by_a_policy_of_the_package_that_no_stage_trains(here, tmp_p
     both = {"usv": shipped_policies("paper")["usv"], "uav": acting["uav"]}
     judged = judge_episodes(config, both, episodes=4, seed=config.evaluation.seed, show_progress=False)
     assert told["team_error_m"] == pytest.approx(judged.result["teams"]["usv"]["team_error_m"])
-    missing = [text.replace("pretrained", "nobody.onnx") for text in (*tiny, given)]
-    here("rl.train", "--config", "paper", "--out", tmp_path / "other", *sets(*missing)).fails("nobody.onnx")
+    other = tmp_path / "other"
+    here("rl.train", "--config", "paper", "--out", other, *sets(*tiny, given, "name='mine'")).fails(
+        "usv=pretrained", "mine"
+    )
+    assert not other.exists()
 
 
 def test_a_start_that_is_not_there_is_named_before_anything_is_made(here, tmp_path):

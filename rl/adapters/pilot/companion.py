@@ -10,7 +10,8 @@ being stepped (`Mission.follow`). So a policy observes what it was trained with,
     holding    a vehicle's place or attitude is older than `STALE` decisions: all vehicles are ordered to stop. It goes
                on when all are fresh again
     ended      somebody has taken over, or something is wrong (`fault`); those that still obey are ordered to stop.
-               Or all vehicles rest where they were to go (`Team.rests`), and it has stopped their motors, if it may
+               Or all vehicles have rested where they were to go (`Team.rests`), and are disarmed: by somebody, or
+               by the companion, if it may
 
 The companion arms nobody, and asks for a mode only if told to. It reads no clock but `now`: tests give it theirs.
 """
@@ -25,14 +26,14 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from rl.adapters.pilot.autopilot_link import SET_MODE, Link
+from rl.adapters.pilot.autopilot_link import ARM, SET_MODE, Link
 from rl.adapters.pilot.laid_course import Chart
-from rl.adapters.pilot.set_points import Orders
+from rl.adapters.pilot.set_points import BOAT, Orders
 from rl.learn.policy import Policy
 from rl.mission import Mission
 from taichi_sim.kernels.conventions import QUATERNION, VELOCITY
 from taichi_sim.kernels.rotation import torch_rotation_matrix
-from taichi_sim.visualisation.recording.east_north_up import Origin
+from taichi_sim.visualisation.recording.east_north_up import Origin, from_geodetic
 
 ARDUPILOT = 3  # MAV_AUTOPILOT_ARDUPILOTMEGA
 STALE = 5  # decisions; older telemetry stops the vehicles
@@ -42,8 +43,12 @@ OBEYS = 3.0  # s, within which a mode that was asked for must be taken
 TELEMETRY = 4  # messages of each kind a decision, at least `SLOWEST`, at most `FASTEST` a second
 SLOWEST, FASTEST = 10.0, 50.0  # Hz
 POLL = 0.1  # s between looks while it waits
+AGAIN = 1.0  # s between two tries to stop motors
 REPORT = 5.0  # s between lines of progress
 REPEATS = 3  # of a last order, against loss
+RESTED = 0.5  # s at rest, after which a vehicle is where it was to go; assumed
+STOPS = 5.0  # s, within which motors that were told to stop must do so
+ABOVE = 2.0  # m, that a vehicle must be higher than the one which it follows, to begin
 REHEARSAL = 3  # decisions
 RESULTS = {1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 6: "cancelled"}  # MAV_RESULT
 
@@ -97,7 +102,7 @@ class Pilot:
         The course begins at `origin`, along `heading` (rad); default: at the first vehicle, along its heading. With
         `guided`, vehicles are asked for the mode that obeys. `tell` takes a line of news, and of `progress`.
         `followed`: links of the vehicles of the other teams that the mission follows. With `disarm`, the motors of
-        vehicles are stopped once all rest where they were to go.
+        a vehicle are stopped once it rests where it was to go.
         """
         self.mission, self.team, self.policy = mission, mission.teams[name], policy
         self.orders, self.links, self.followed, self.disarm = orders, links, followed, disarm
@@ -114,7 +119,10 @@ class Pilot:
         self._begun: float | None = None
         self._due = self._reported = 0.0
         self._missing = ""
-        self._rested = False
+        self._rested = np.zeros(len(links))  # s that each vehicle has been at rest
+        self._told = np.full(len(links), math.inf)  # when it was first told to stop its motors, s
+        self._again = 0.0  # when that is told again, s
+        self._done: set[Link] = set()
 
     @property
     def heard(self) -> list[Link]:
@@ -165,10 +173,14 @@ class Pilot:
         """Stop the vehicles that obey, if it acts, leave the others to whom they obey, and end; once."""
         if self.ended:
             return
-        for link in self.links if self.phase != "waiting" else ():
-            for _ in range(REPEATS):
-                (self.orders.stop if self._obeys(link) else self.orders.release)(link)
+        for k, link in enumerate(self.links if self.phase != "waiting" else ()):
+            for _ in range(REPEATS if link not in self._done else 0):
+                self._stop(k) if self._obeys(link) else self.orders.release(link)
         self.ended = Ended(why, fault)
+
+    def _stop(self, k: int) -> None:
+        """Order vehicle k to stop, but for the vertical velocity that its team wants then."""
+        self.orders.stop(self.links[k], float(self.team.stopped_down[0, k]))
 
     def _mode(self, mode: int) -> str:
         """The name of a mode, or its number."""
@@ -193,7 +205,9 @@ class Pilot:
                 self.end(f"{link.name}: autopilots of the systems {link.system} and {link.other} are heard there: name "
                          f"one, for example #{link.system} after the address", fault=True)  # fmt: skip
             elif link not in self.links:
-                continue
+                if heart.kind not in BOAT:
+                    what = f"its HEARTBEAT has MAV_TYPE {heart.kind}; what is followed is a boat, {min(BOAT)}"
+                    self.end(f"{link.name}: {what}", fault=True)
             elif heart.autopilot != ARDUPILOT:
                 self.end(f"{link.name}: MAV_AUTOPILOT {heart.autopilot}: only ArduPilot ({ARDUPILOT}) is supported",
                          fault=True)  # fmt: skip
@@ -214,9 +228,16 @@ class Pilot:
         return f"thrust and yaw need {', '.join(wrong)}" if wrong else ""
 
     def _check_obedience(self) -> None:
-        """End if somebody has taken a vehicle over."""
-        for link in self.links:
-            if link.heart is not None and not self._obeys(link):
+        """End if somebody has taken a vehicle over. One that is disarmed at rest is done; so is all, if all are."""
+        for k, link in enumerate(self.links):
+            if link in self._done:
+                continue
+            if link.heart is not None and not link.heart.armed and self._rested[k] >= RESTED:
+                self._done.add(link)
+                self.tell(f"{link.name} rests, and is disarmed")
+                if len(self._done) == len(self.links):
+                    self.ended = Ended("all vehicles rest, and are disarmed", False)
+            elif link.heart is not None and not self._obeys(link):
                 what = f"in {self._mode(link.heart.mode)}" if link.heart.armed else "disarmed"
                 return self.end(f"{link.name} is {what}: somebody has taken over; no more set points")
 
@@ -240,12 +261,29 @@ class Pilot:
                         return False
                 if not link.heart.armed:
                     missing.append(f"{link.name} armed")
+        if not missing:
+            missing = self._far()
         news = f"waiting for {', '.join(missing)}" if missing else ""
         if news != self._missing:
             self._missing = news
             if news:
                 self.tell(news)
         return not missing
+
+    def _far(self) -> list[str]:
+        """Vehicles that are not near enough, or not high enough, over those that they follow."""
+        missing = []
+        for name, most in self.mission.followed(self.team).items():
+            for link, other in zip(self.links, self.followed[name], strict=True):
+                (here, _), (there, _) = link.last, other.last
+                east, north, _ = from_geodetic(
+                    np.array((here.latitude, here.longitude, 0.0)), Origin(there.latitude, there.longitude)
+                )
+                away, up = math.hypot(north, east), here.altitude - there.altitude
+                if away > most or up < ABOVE:
+                    where = f"it is {away:.0f} m away, {up:.1f} m above"
+                    missing.append(f"{link.name} within {most:g} m of {other.name}, {ABOVE:g} m above it ({where})")
+        return missing
 
     def _refuses(self, link: Link, now: float) -> bool:
         """Ask a vehicle for the mode that obeys; end if it refuses, or does not take it."""
@@ -292,7 +330,7 @@ class Pilot:
         turns = 1 + int((now - self._due) / self.interval)
         self.late += turns - 1
         self._due += turns * self.interval
-        ages = {link: link.age(now) for link in self.heard}
+        ages = {link: link.age(now) for link in self.heard if link not in self._done}
         worst = max(ages, key=lambda link: ages[link])
         if ages[worst] > LOST:
             silent = now - worst.heard
@@ -302,8 +340,9 @@ class Pilot:
             if self.phase == "acting":
                 self.tell(f"holding: the telemetry of {worst.name} is {ages[worst]:.1f} s old")
             self.phase = "holding"
-            for link in self.links:
-                self.orders.stop(link)
+            for k, link in enumerate(self.links):
+                if link not in self._done:
+                    self._stop(k)
             return
         if self.phase == "holding":
             self.tell("acting again: all telemetry is fresh")
@@ -328,24 +367,31 @@ class Pilot:
         if not np.isfinite(given).all():
             return self.end("the policy's actions are not finite", fault=True)
         for link, order in zip(self.links, given, strict=True):
-            self.orders.give(link, order)
-        if bool(self.team.rests.all()):
-            self._rest()
+            if link not in self._done:
+                self.orders.give(link, order)
+        self._rest(now)
         self.delays.append(time.perf_counter() - began)
         self.ages.append(age)
         self.decisions += 1
         self._report(now)
 
-    def _rest(self) -> None:
-        """All vehicles are where they were to go: stop their motors, if it may; else tell, and hold them there."""
-        if not self._rested:
-            self._rested = True
-            self.tell("all vehicles rest" + ("" if self.disarm else ": disarm them, they are held there until then"))
-        if self.disarm:
-            for link in self.links:
-                for _ in range(REPEATS):
-                    link.disarm()
-            self.ended = Ended("all vehicles rest; their motors were told to stop", False)
+    def _rest(self, now: float) -> None:
+        """Follow which vehicles rest where they were to go; stop their motors, if it may, until they say so."""
+        rests = self.team.rests[0].cpu().numpy()
+        before, self._rested = self._rested, np.where(rests, self._rested + self.interval, 0.0)
+        again = now >= self._again
+        for k, link in enumerate(self.links):
+            if link in self._done or self._rested[k] < RESTED:
+                continue
+            if before[k] < RESTED and math.isinf(self._told[k]):
+                self.tell(f"{link.name} rests" + ("" if self.disarm else ": disarm it, it is held there until then"))
+            if self.disarm and again:
+                self._again = now + AGAIN
+                self._told[k] = min(self._told[k], now)
+                if now - self._told[k] > STOPS:
+                    result = RESULTS.get(link.refused.get(ARM, 0), "no answer")
+                    return self.end(f"{link.name} rests, and does not stop its motors: {result}", fault=True)
+                link.disarm()
 
     def _blow(self, chart: Chart, states: torch.Tensor) -> None:
         """Write airspeed and wind, if the team's vehicles measure them, by their `states` [1, vehicle, 13]."""

@@ -52,7 +52,7 @@ def read_address(text: str) -> Address:
         if match and 1 <= int(match[3]) <= 65535 and 1 <= int(match[4] or 1) <= 255 and ip_address(match[2]):
             return Address(match[1], match[2], int(match[3]), int(match[4] or 0))
     raise ConfigError(
-        f"--connect {text}: expected udp:ADDRESS:PORT, which listens, or tcp:ADDRESS:PORT, which connects; with "
+        f"connection {text}: expected udp:ADDRESS:PORT, which listens, or tcp:ADDRESS:PORT, which connects; with "
         "#SYSTEM where several vehicles share one (udp:127.0.0.1:14550#2); MAVProxy or mavlink-router serve a "
         "serial line so"
     )
@@ -63,9 +63,7 @@ def check_different(addresses: Sequence[Address]) -> None:
     for k, one in enumerate(addresses):
         for other in addresses[:k]:
             if one[:3] == other[:3] and (one.system == other.system or not one.system or not other.system):
-                raise ConfigError(
-                    f"--connect {other} --connect {one}: both may be one vehicle: tell them apart by #SYSTEM"
-                )
+                raise ConfigError(f"connections {other} and {one}: both may be one vehicle: tell them apart by #SYSTEM")
 
 
 class Wire:
@@ -89,7 +87,7 @@ class Wire:
                 self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         except OSError as error:
             self.socket.close()
-            raise ConfigError(f"--connect {address}: {error.strerror or error}") from None
+            raise ConfigError(f"connection {address}: {error.strerror or error}") from None
         self.socket.setblocking(False)
         self.open = True
 

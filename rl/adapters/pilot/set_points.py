@@ -75,8 +75,8 @@ class Orders(Protocol):
         """Send the order [n] of one vehicle."""
         ...
 
-    def stop(self, link: Link) -> None:
-        """Order a vehicle to stop."""
+    def stop(self, link: Link, down: float) -> None:
+        """Order a vehicle to stop, but for a velocity `down` (m/s), if it flies."""
         ...
 
     def release(self, link: Link) -> None:
@@ -101,7 +101,7 @@ class Velocity:
         """Send a velocity."""
         velocity_target(link, LOCAL_NED, VELOCITY_ALONE, (*order, 0.0))
 
-    def stop(self, link: Link) -> None:
+    def stop(self, link: Link, down: float) -> None:
         """Send no speed, on the present heading: without one, a Rover would turn to the north."""
         if link.attitude is not None:
             velocity_target(link, LOCAL_NED, WITH_YAW, (0.0, 0.0, 0.0), yaw=link.attitude.euler[2])
@@ -134,9 +134,9 @@ class HeadingVelocity:
         """Send velocity and rate."""
         velocity_target(link, BODY_OFFSET_NED, WITH_YAW_RATE, tuple(order[:3]), yaw_rate=order[3])
 
-    def stop(self, link: Link) -> None:
-        """Order it to stay where it is."""
-        velocity_target(link, BODY_OFFSET_NED, WITH_YAW_RATE, (0.0, 0.0, 0.0))
+    def stop(self, link: Link, down: float) -> None:
+        """Order it to stay where it is, or to rise or sink there."""
+        velocity_target(link, BODY_OFFSET_NED, WITH_YAW_RATE, (0.0, 0.0, down))
 
     def release(self, link: Link) -> None:
         """Send nothing."""
@@ -178,7 +178,7 @@ class Sticks:
         throttle, steering = (round(FULL * float(x)) for x in order)
         self._send(link, steering, throttle)
 
-    def stop(self, link: Link) -> None:
+    def stop(self, link: Link, down: float) -> None:
         """Send both in the middle. The autopilot gives the sticks back after RC_OVERRIDE_TIME."""
         self._send(link, 0, 0)
 

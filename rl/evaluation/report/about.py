@@ -32,6 +32,8 @@ def about(run: Run) -> str:
         if name in config.trained:
             untrained = "" if stages else ", not trained yet"
             rows.append((f"team {name}", f"{team.count} x {team.vehicle}{untrained}"))
+        elif name in config.given:
+            rows.append((f"team {name}", f"{team.count} x {team.vehicle}, by the policy of the package"))
     rows += [(f"stage {stage['name']}", _learned(stage)) for stage in stages]
     if run.summary is not None:
         rows.append(("all of it", f"{_duration(run.summary['wall_time_s'])}, with evaluation and recording"))

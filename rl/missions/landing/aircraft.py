@@ -35,7 +35,8 @@ RISE = 2.0  # m above the deck and beside its middle, up to where an aircraft th
 SQUARE = 1.5  # 1/s, at which it turns its nose square to the deck, for legs to have the most room; assumed
 
 
-RESTS = 0.5  # s on the deck, after which a companion has done its work; assumed
+STILL = 0.2  # m/s to its deck, below which an aircraft that stands there rests; assumed
+RISING = 1.0  # m/s, of one that must leave its deck; assumed
 FAILED = ("hard", "toppled", "slid", "collided")  # ends of the mission, besides those of the vehicle
 
 
@@ -426,13 +427,23 @@ class Aircraft(Team[Parts, LandingTeam]):
         return ends | {"late": late}
 
     def gives_up(self) -> dict[str, Tensor]:
-        """Time is up; whether real aircraft touched hard, toppled or met the sea is not for telemetry to tell."""
-        return {"late": self.endings()["late"]}
+        """Time is up for one that has not come down; whether real aircraft touched hard, toppled or met the sea is not
+        for telemetry to tell.
+        """
+        return {"late": self.endings()["late"] & ~self.settled}
 
     @property
     def rests(self) -> Tensor:
-        """Whether each aircraft has stood on its deck for `RESTS`, bool [env, aircraft]."""
-        return self.stood >= RESTS
+        """Whether each aircraft stands on its deck and does not sink, bool [env, aircraft]."""
+        sinks = self.fleet.velocity_n[..., DOWN] - self.deck.velocity[..., DOWN]
+        return self.standing & (sinks.abs() < STILL)
+
+    @property
+    def stopped_down(self) -> Tensor:
+        """One that rests is held down, one that is near its deck rises from it; [env, aircraft], m/s."""
+        near = (self.height < RISE) & (self.offset[..., :2].norm(dim=-1) < RISE)
+        held = torch.where(self.rests, self.model.demands.descent, torch.where(near, -RISING, 0.0))
+        return held.to(self.height)
 
     def ended(self) -> Endings:
         """All endings; an aircraft that has landed on a shared deck has no other."""

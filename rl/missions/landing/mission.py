@@ -210,17 +210,26 @@ class Landing(Mission[LandingScenario, BoatTeam | SensingAircraft]):
 
     @classmethod
     def piloted(cls, config: LandingScenario, team: str) -> LandingScenario | None:
-        """Aircraft with a deck each; exact instruments, markers that are always found in sight, prompt messages."""
-        if team != config.landing.aircraft or config.teams[team].count != config.teams[config.landing.boats].count:
+        """Aircraft with a deck each; exact instruments, markers that are always found in sight, prompt messages.
+
+        Raises:
+            ConfigError: where aircraft share a deck.
+        """
+        if team != config.landing.aircraft:
             return None
+        boats, aircraft = config.landing.boats, config.teams[team].count
+        if aircraft != config.teams[boats].count:
+            raise ConfigError(
+                f"{team}.count = {aircraft}: each lands on a boat of its own: --set {boats}.count={aircraft}"
+            )
         calm = imagined_scenario(config, config.sea.components)
         section = calm.parts[team]
         sure = section.marker.model_copy(update={"loss": 0.0, "spray": 0.0})
         return calm.model_copy(update={"vary": {}, team: section.model_copy(update={"marker": sure})})
 
-    def followed(self, team: BoatTeam | SensingAircraft) -> tuple[str, ...]:
-        """The boats."""
-        return (self.boats.fleet.name,)
+    def followed(self, team: BoatTeam | SensingAircraft) -> dict[str, float]:
+        """The boats, from as far as episodes begin."""
+        return {self.boats.fleet.name: self.config.landing.distance[1]}
 
     def frame(self, env: int) -> Frame:
         """Return the frame: the aircraft's distances from their deck's middle, and overlays (heights, the estimated
