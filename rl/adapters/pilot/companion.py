@@ -120,6 +120,7 @@ class Pilot:
         self._due = self._reported = 0.0
         self._missing = ""
         self._rested = np.zeros(len(links))  # s that each vehicle has been at rest
+        self._arrived = np.zeros(len(links), dtype=bool)  # those that have been for long enough
         self._told = np.full(len(links), math.inf)  # when it was first told to stop its motors, s
         self._again = 0.0  # when that is told again, s
         self._done: set[Link] = set()
@@ -359,8 +360,9 @@ class Pilot:
         self._blow(self._chart, states[name])
         self.mission.follow(states, None if self._taken is None else {name: self._taken})
         for ending, flags in self.team.gives_up().items():
-            if bool(flags.any()):
-                who = self.links[int(flags[0].nonzero()[0])].name
+            given = flags[0].cpu().numpy() & ~self._arrived
+            if given.any():
+                who = self.links[int(given.argmax())].name
                 return self.end(f"{who}: {ending!r}, which ends an episode of {self.mission.config.name!r}", fault=True)
         self._taken = self.policy(self.team)
         given = self.orders.of(self.team, self._taken, self._chart)
@@ -378,12 +380,13 @@ class Pilot:
     def _rest(self, now: float) -> None:
         """Follow which vehicles rest where they were to go; stop their motors, if it may, until they say so."""
         rests = self.team.rests[0].cpu().numpy()
-        before, self._rested = self._rested, np.where(rests, self._rested + self.interval, 0.0)
+        self._rested = np.where(rests, self._rested + self.interval, 0.0)
         again = now >= self._again
         for k, link in enumerate(self.links):
             if link in self._done or self._rested[k] < RESTED:
                 continue
-            if before[k] < RESTED and math.isinf(self._told[k]):
+            if not self._arrived[k]:
+                self._arrived[k] = True
                 self.tell(f"{link.name} rests" + ("" if self.disarm else ": disarm it, it is held there until then"))
             if self.disarm and again:
                 self._again = now + AGAIN

@@ -430,7 +430,7 @@ class Aircraft(Team[Parts, LandingTeam]):
         """Time is up for one that has not come down; whether real aircraft touched hard, toppled or met the sea is not
         for telemetry to tell.
         """
-        return {"late": self.endings()["late"] & ~self.settled}
+        return {"late": self.endings()["late"]}
 
     @property
     def rests(self) -> Tensor:
