@@ -23,6 +23,7 @@ from rl.evaluation.episodes import mission_class
 from rl.evaluation.headroom import Array, Bound, bound_file, headroom, judge_on_bounds, read_levels, teams_beside
 from rl.evaluation.intervals import Interval, intervals, ratios
 from rl.evaluation.judge import Judge
+from rl.evaluation.store import plain
 from rl.learn.policy import Policy
 from rl.missions import load_scenario
 from rl.runs.folder import RunError, measured_files
@@ -59,7 +60,7 @@ class TeamScore(TypedDict):
     ratio: Interval  # the policy's figure over the classical one
     unsafe: bool
     figures: dict[str, dict[str, Interval]]  # figure -> controller -> interval
-    of_each_episode: dict[str, list[float]]  # the policy's, from Judge.episodes
+    of_each_episode: dict[str, list[float | None]]  # the policy's, from Judge.episodes; None: it has no such number
 
 
 def task_file() -> Path:
@@ -150,7 +151,7 @@ def team_score(task: Task, kind: type[Judge], level: Bound, learned: Mapping[str
         "ratio": ratios(kind, learned, level.classical)[task.figure],
         "unsafe": safe < classical - POINT - 1e-9,
         "figures": {key: {name: of[key] for name, of in of_each.items()} for key in keys},
-        "of_each_episode": {key: values.tolist() for key, values in learned.items()},
+        "of_each_episode": plain(learned),
     }
 
 

@@ -62,7 +62,11 @@ def save_evaluation(
     file.parent.mkdir(exist_ok=True)
     made = {"config": None if config is None else str(Path(config).resolve()), "set": list(overrides)}
     save_log(log_file(run, outcome.result["controller"]), outcome.shown, outcome.crashes)
-    run_folder.write_json(file, outcome.result | {"conditions": made, "of_each_episode": _plain(outcome.episodes)})
+    run_folder.write_json(
+        file,
+        outcome.result
+        | {"conditions": made, "of_each_episode": {team: plain(of) for team, of in outcome.episodes.items()}},
+    )
 
 
 def load_evaluation(run: Path, controller: str) -> StoredEvaluation | None:
@@ -87,7 +91,7 @@ def load_evaluation(run: Path, controller: str) -> StoredEvaluation | None:
 def save_headroom(run: Path, episodes: Mapping[str, Mapping[str, NDArray[np.float64]]]) -> None:
     """Store the numbers of a run's policies on an oracle's episodes (headroom.py): team -> name -> [episode]."""
     (run / FOLDER).mkdir(exist_ok=True)
-    run_folder.write_json(run / FOLDER / HEADROOM, _plain(episodes))
+    run_folder.write_json(run / FOLDER / HEADROOM, {team: plain(of) for team, of in episodes.items()})
 
 
 def load_headroom(run: Path) -> dict[str, dict[str, NDArray[np.float64]]]:
@@ -124,12 +128,9 @@ def log_file(run: Path, controller: str) -> Path:
     return run / FOLDER / f"{controller}.npz"
 
 
-def _plain(episodes: Mapping[str, Mapping[str, NDArray[np.float64]]]) -> dict[str, dict[str, list[float | None]]]:
-    """Convert numbers of episodes to lists for JSON; None stands for values that are not finite."""
-    return {
-        team: {name: [x if np.isfinite(x) else None for x in values.tolist()] for name, values in of_team.items()}
-        for team, of_team in episodes.items()
-    }
+def plain(episodes: Mapping[str, NDArray[np.float64]]) -> dict[str, list[float | None]]:
+    """Numbers of a team's episodes as lists for JSON; None stands for values that are not finite."""
+    return {name: [x if np.isfinite(x) else None for x in values.tolist()] for name, values in episodes.items()}
 
 
 def _arrays(plain: Mapping[str, Mapping[str, list[float | None]]]) -> dict[str, dict[str, NDArray[np.float64]]]:

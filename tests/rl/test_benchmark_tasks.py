@@ -134,5 +134,6 @@ def test_figures_of_a_task_repeat_to_the_digit_on_any_number_of_threads(name):
         torch.set_num_threads(threads)
         found.append(score(task, config, levels, {team: ClassicalPolicy() for team in task.teams}))
     assert found[0] == found[1]
+    json.dumps(found[0], allow_nan=False)  # what has no number is null
     for scored in found[0].values():
         assert scored["ratio"].value == pytest.approx(1.0, abs=0.03) and not scored["unsafe"]
