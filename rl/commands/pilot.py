@@ -52,7 +52,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--disarm",
         action="store_true",
-        help="stop the motors once all copters stand on their decks (default: hold them down until somebody does)",
+        help="stop the motors of a copter once it rests on its deck (default: hold it down until somebody does)",
     )
     p.add_argument("--guided", action="store_true", help="ask for GUIDED (default: wait until somebody else has)")
     p.add_argument(

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import torch
 from command_line import ROOT
+from phases import check_followed
 from pilot_peer import FRAME, GUIDED, HOLD, MANUAL, NO_AXIS, PARAMETERS, Copter, Flotilla, kinds
 from rsl_rl.models import MLPModel
 from tensordict import TensorDict
@@ -106,19 +107,7 @@ def guided(boats) -> Fleet:
 
 
 def test_what_is_followed_is_observed_as_what_is_stepped():
-    """A mission whose vehicles are written, as another one has moved them, observes the same, to rounding."""
-    moves, follows = piloted("paper", "radio.loss=0.1"), piloted("paper", "radio.loss=0.1")
-    moves.begin_each()
-    follows.begin_each()
-    follows.follow({"usv": moves.teams["usv"].fleet.state})
-    generator = torch.Generator().manual_seed(4)
-    for _ in range(6):
-        seen = [mission.teams["usv"].observations() for mission in (moves, follows)]
-        torch.testing.assert_close(seen[1], seen[0], rtol=0.0, atol=1e-5)
-        action = {"usv": 2 * torch.rand((1, 3, 2), generator=generator) - 1}
-        moves.step(action)
-        follows.follow({"usv": moves.teams["usv"].fleet.state}, action)
-    assert int(follows.steps) == 6
+    check_followed(piloted("paper", "radio.loss=0.1"), piloted("paper", "radio.loss=0.1"))
 
 
 def _link(place, velocity=(0.0, 0.0, 0.0), euler=(0.0, 0.0, 0.0), rates=(0.0, 0.0, 0.0), now=0.0) -> Link:

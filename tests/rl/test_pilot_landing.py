@@ -6,6 +6,7 @@ from contextlib import ExitStack
 
 import pytest
 import torch
+from phases import check_followed
 from pilot_peer import kinds
 
 from rl.adapters.pilot.autopilot_link import Link
@@ -90,23 +91,10 @@ class Sea:
 
 
 def test_what_a_landing_follows_is_observed_as_what_moves():
-    """Observations of a mission whose boat and aircraft are written are those of one that steps, without errors."""
-    config = load_scenario("landing", CALM)
-    piloted = Landing.piloted(config, "uav")
+    """Boat and aircraft are written; there are no errors."""
+    piloted = Landing.piloted(load_scenario("landing", CALM), "uav")
     assert piloted is not None
-    moves, follows = (Landing(piloted, 1, seed=1, teams=("uav",)) for _ in range(2))
-    moves.begin_each()
-    follows.begin_each()
-    moved = {name: fleet.state for name, fleet in moves.world.teams.items()}
-    follows.follow(moved)
-    moves.measure_anew()
-    generator = torch.Generator().manual_seed(4)
-    for _ in range(6):
-        seen = [mission.teams["uav"].observations() for mission in (moves, follows)]
-        torch.testing.assert_close(seen[1], seen[0], rtol=0.0, atol=1e-5)
-        action = {"uav": 2 * torch.rand((1, 1, 4), generator=generator) - 1}
-        moves.step(action)
-        follows.follow(moved, action)
+    check_followed(*(Landing(piloted, 1, seed=1, teams=("uav",)) for _ in range(2)))
 
 
 def test_soles_near_a_deck_stand_on_it_by_telemetry():

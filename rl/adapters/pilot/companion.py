@@ -233,7 +233,7 @@ class Pilot:
         for k, link in enumerate(self.links):
             if link in self._done:
                 continue
-            if link.heart is not None and not link.heart.armed and self._rested[k] >= RESTED:
+            if link.heart is not None and not link.heart.armed and self._arrived[k]:
                 self._done.add(link)
                 self.tell(f"{link.name} rests, and is disarmed")
                 if len(self._done) == len(self.links):
@@ -331,7 +331,8 @@ class Pilot:
         turns = 1 + int((now - self._due) / self.interval)
         self.late += turns - 1
         self._due += turns * self.interval
-        ages = {link: link.age(now) for link in self.heard if link not in self._done}
+        each = zip(self.links, *self.followed.values(), strict=True)  # vehicles, with those that they follow
+        ages = {link: link.age(now) for row in each if row[0] not in self._done for link in row}
         worst = max(ages, key=lambda link: ages[link])
         if ages[worst] > LOST:
             silent = now - worst.heard
