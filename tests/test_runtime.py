@@ -322,3 +322,38 @@ def test_a_cache_that_cannot_be_written_is_told_of_and_changes_nothing_else(tmp_
     assert done.stderr.startswith(f"warning: {place['TI_OFFLINE_CACHE_FILE_PATH']} cannot be written (Not a directory)")
     assert done.stderr.count("\n") == 1
     assert [file.name for file in tmp_path.iterdir()] == ["file"]
+
+
+BOUND = """
+import os, sys
+import taichi as ti, torch
+from taichi_sim.kernels import runtime
+
+@ti.kernel
+def work(x: ti.types.ndarray(ndim=1)):
+    for i in range(x.shape[0]):
+        for _ in range(20000):
+            x[i] = 0.5 * x[i] + 1.0
+
+def spent():
+    threads = [int(number) for number in os.listdir("/proc/self/task")]
+    return {t: int(open(f"/proc/self/task/{t}/schedstat").read().split()[0]) for t in threads}
+
+threads = int(sys.argv[1])
+runtime.init(threads=threads)
+work(torch.zeros(4))
+before = spent()
+work(torch.zeros(20000))
+worked = {t: time - before[t] for t, time in spent().items() if t != os.getpid()}
+workers = sorted(worked, key=lambda t: worked[t])[-threads:]
+print(sorted(sorted(os.sched_getaffinity(t)) for t in workers))
+"""
+
+
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="one core")
+def test_the_threads_that_work_have_a_core_each_where_they_are_as_many_as_cores(tmp_path):
+    cores, script = sorted(os.sched_getaffinity(0)), tmp_path / "bound.py"
+    script.write_text(BOUND)
+    for threads, bound in ((len(cores), [[core] for core in cores]), (1, [cores])):
+        done = subprocess.run([sys.executable, script, str(threads)], env=PATHS, capture_output=True, text=True)
+        assert done.stdout == f"{bound}\n", done.stderr

@@ -123,6 +123,7 @@ def init(arch: str = "cpu", precision: Precision = "f32", threads: int = 0) -> R
         return wanted
     with _lock:
         _check_cache()
+        before = _threads()
         with contextlib.redirect_stdout(io.StringIO()):  # hides Taichi's greeting: stdout is for results
             ti.init(
                 arch=getattr(ti, arch),
@@ -134,11 +135,30 @@ def init(arch: str = "cpu", precision: Precision = "f32", threads: int = 0) -> R
                 log_level=ti.ERROR,
                 verbose=False,
             )
+        _bind_to_cores(sorted(_threads() - before)[-wanted.threads :])
         _clear_stale_lock(Path(impl.current_cfg().offline_cache_file_path))
         _current = wanted
         _generation += 1
         _forget_packs()
     return wanted
+
+
+def _threads() -> set[int]:
+    """Numbers of the threads of this process."""
+    return {int(number) for number in os.listdir("/proc/self/task")}
+
+
+def _bind_to_cores(pool: list[int]) -> None:
+    """Bind each thread of Taichi's `pool`, which it starts last, to a core of its own, if there are as many cores.
+
+    Linux otherwise often wakes two of them on one core, and moves one away only after a millisecond: a kernel of 1 ms
+    on two cores then takes 0.77 ms in place of 0.53 ms.
+    """
+    cores = sorted(os.sched_getaffinity(0))
+    if len(pool) == len(cores):
+        for thread, core in zip(pool, cores, strict=True):
+            with contextlib.suppress(OSError):
+                os.sched_setaffinity(thread, {core})
 
 
 def _check_cache() -> None:
