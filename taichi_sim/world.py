@@ -127,7 +127,7 @@ class World(Stateful):
         models = {name: self._model(name) for name in (config.teams if teams is None else names(teams, "teams"))}
         self._check_memory(models)
         self.sea, self.conditions = realise(config, self.seed)
-        self._highest_crest = float(self.sea.components.amplitude.sum(axis=1).max())
+        self._highest_crests = torch.as_tensor(self.sea.components.amplitude.sum(axis=1)).to(run.device)  # [sea], m
         self.current = self.remember(Current(config.sea.current, num_envs, self.seed, config.sea.depth))
         self.wind = self.remember(Wind(config.air, num_envs, self.seed))
         self.dump_folder: Path | None = None
@@ -463,10 +463,11 @@ class World(Stateful):
     def elevation_below(self, team: Fleet, height: torch.Tensor) -> torch.Tensor:
         """Present elevation (m, up) under each vehicle of `team` that flies at `height` [env, vehicle] (m).
 
-        For vehicles above any wave of this sea it is -inf and costs nothing.
+        For vehicles above any wave of their realisation of the sea it is -inf and costs nothing.
         """
         elevation = torch.full_like(height, -math.inf)
-        env, vehicle = (height < self._highest_crest).nonzero(as_tuple=True)
+        highest = self._highest_crests[self.env_sea.long()].unsqueeze(1)
+        env, vehicle = (height < highest).nonzero(as_tuple=True)
         if env.numel():
             place = team.position_n[env, vehicle]
             elevation[env, vehicle] = self.elevation(env, place[:, :1], place[:, 1:2]).squeeze(1)

@@ -20,7 +20,7 @@ from rl.perception.due import NOT_DUE, Due
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
-from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN, VELOCITY_N
+from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN, VELOCITY_N, rotated_back
 from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
 from taichi_sim.state.memory import Remembers
 
@@ -165,9 +165,9 @@ def store_signal(signals: ti.template(), e, i, at, distance, reach, n, derived: 
     near = ti.max(1.0 - distance / reach, 0.0)
     signals[e, i, at] = near
     if ti.static(axes == 3):
+        own = rotated_back(derived, e, i, n)
         for a in ti.static(range(3)):
-            own = derived[e, i, a] * n[0] + derived[e, i, 3 + a] * n[1] + derived[e, i, 6 + a] * n[2]
-            signals[e, i, at + 1 + a] = own * near
+            signals[e, i, at + 1 + a] = own[a] * near
     else:
         c, s = derived[e, i, HEADING_COS], derived[e, i, HEADING_SIN]
         signals[e, i, at + 1] = (c * n[0] + s * n[1]) * near

@@ -43,7 +43,7 @@ from taichi_sim.kernels import runtime
 from taichi_sim.kernels.conventions import DOWN, EAST, NORTH
 from taichi_sim.kernels.packs import struct_of, values_at
 from taichi_sim.kernels.random import CAMERA, LOOKOUT, normal6, uniform4
-from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN
+from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN, rotated, rotated_back
 from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
 from taichi_sim.state.memory import Remembers
 
@@ -141,24 +141,6 @@ class LookoutNumbers(NamedTuple):
 
 
 LookoutPack = ti.types.argpack(sightings=array4, objects=array3, hidden=array2, numbers=array1)
-
-
-@ti.func
-def rotated(derived: ti.template(), e, i, v):
-    """R_nb v."""
-    out = ti.Vector([0.0, 0.0, 0.0])
-    for a in ti.static(range(3)):
-        out[a] = derived[e, i, 3 * a] * v[0] + derived[e, i, 3 * a + 1] * v[1] + derived[e, i, 3 * a + 2] * v[2]
-    return out
-
-
-@ti.func
-def rotated_back(derived: ti.template(), e, i, v):
-    """R_nb^T v."""
-    out = ti.Vector([0.0, 0.0, 0.0])
-    for a in ti.static(range(3)):
-        out[a] = derived[e, i, a] * v[0] + derived[e, i, 3 + a] * v[1] + derived[e, i, 6 + a] * v[2]
-    return out
 
 
 @ti.kernel

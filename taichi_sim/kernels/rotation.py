@@ -172,6 +172,19 @@ def torch_euler_from_quaternion(q: torch.Tensor) -> torch.Tensor:
     return torch.stack((phi, theta, psi), dim=-1)
 
 
+def torch_heading(q: torch.Tensor) -> torch.Tensor:
+    """Yaw (rad) [...] of quaternions [..., 4]."""
+    w, x, y, z = q.unbind(-1)
+    return torch.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+
+
+def torch_to_body(v_n: torch.Tensor, q: torch.Tensor) -> torch.Tensor:
+    """R_nb^T v_n of vectors [..., 3] and unit quaternions [..., 4]."""
+    r = q[..., 1:]
+    t = 2 * torch.linalg.cross(v_n, r, dim=-1)
+    return v_n + q[..., :1] * t + torch.linalg.cross(t, r, dim=-1)
+
+
 def torch_euler_from_rotation(R: torch.Tensor) -> torch.Tensor:
     """Roll, pitch and yaw (rad) [..., 3] of R_nb [..., 3, 3]; pitch is in [-pi/2, pi/2]."""
     roll, pitch = torch.atan2(R[..., 2, 1], R[..., 2, 2]), -R[..., 2, 0].clamp(-1.0, 1.0).asin()
@@ -212,6 +225,24 @@ def store(derived: ti.template(), e, i, R, v_n):
     inv = 1.0 / ti.sqrt(R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0] + 1e-12)
     put(derived, e, i, 0, [R[0, 0], R[0, 1], R[0, 2], R[1, 0], R[1, 1], R[1, 2], R[2, 0], R[2, 1], R[2, 2]])
     put(derived, e, i, 9, [v_n[0], v_n[1], v_n[2], R[0, 0] * inv, R[1, 0] * inv])
+
+
+@ti.func
+def rotated(derived: ti.template(), e, i, v):
+    """R_nb v of vehicle i in environment e, by its derived quantities."""
+    out = ti.Vector([0.0, 0.0, 0.0])
+    for a in ti.static(range(3)):
+        out[a] = derived[e, i, 3 * a] * v[0] + derived[e, i, 3 * a + 1] * v[1] + derived[e, i, 3 * a + 2] * v[2]
+    return out
+
+
+@ti.func
+def rotated_back(derived: ti.template(), e, i, v):
+    """R_nb^T v of that vehicle."""
+    out = ti.Vector([0.0, 0.0, 0.0])
+    for a in ti.static(range(3)):
+        out[a] = derived[e, i, a] * v[0] + derived[e, i, 3 + a] * v[1] + derived[e, i, 6 + a] * v[2]
+    return out
 
 
 @ti.kernel

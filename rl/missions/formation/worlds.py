@@ -22,8 +22,8 @@ from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.slots import Drawn, draw_formations, offsets_of, unit_offsets
 from rl.scenario import derive_seed
 from taichi_sim.config import ConfigError
-from taichi_sim.kernels.conventions import DOWN, HEADING, QUATERNION, STATE_SIZE, SURGE
-from taichi_sim.kernels.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler
+from taichi_sim.kernels.conventions import DOWN, QUATERNION, STATE_SIZE, SURGE
+from taichi_sim.kernels.rotation import torch_heading, torch_quaternion_from_euler
 from taichi_sim.randomisation.conditions import nominal_conditions
 from taichi_sim.vehicle import Vehicle
 
@@ -124,7 +124,7 @@ def in_wind(state: Tensor, wind: Tensor, over_ground: Tensor, airspeed: float, m
     state = state.clone()
     state[..., SURGE] *= (over_ground * (1 / airspeed)).unsqueeze(1)
     if not model.limits.stops:
-        course = torch_euler_from_quaternion(state[..., QUATERNION])[..., HEADING]
+        course = torch_heading(state[..., QUATERNION])
         turn = crab(model.limits.speeds[1], wind.unsqueeze(1), course.cos(), course.sin())
         level = torch.zeros_like(course)
         state[..., QUATERNION] = torch_quaternion_from_euler(level, level, course + turn)
@@ -172,7 +172,7 @@ def _team_states(config, team, model, formation: Drawn, place, obstacles, genera
 
 def _bow(state: Tensor) -> Tensor:
     """Direction [.., vehicle, 2] (NED) in which vehicles [.., vehicle, 13] head."""
-    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., HEADING]
+    heading = torch_heading(state[..., QUATERNION])
     return torch.stack((heading.cos(), heading.sin()), dim=-1)
 
 

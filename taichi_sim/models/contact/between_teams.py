@@ -17,6 +17,7 @@ A vehicle is near one deck at a time. Where several press on one carrier, each o
 previous step. A team with legs carries nobody.
 """
 
+import math
 from collections.abc import Mapping
 
 import torch
@@ -47,6 +48,7 @@ class Carriers:
     Attributes:
         fleet: the team.
         base: number of the team's first deck.
+        reach: of the deck from the vehicle's origin, m.
         before: states at the beginning of a step, [env, vehicle, 13].
     """
 
@@ -54,6 +56,7 @@ class Carriers:
         """Take a team whose vehicles all carry `deck`."""
         self.fleet, self.deck, self.base = fleet, deck, base
         self.before = torch.zeros_like(fleet.state)
+        self.reach = math.hypot(*deck.centre) + math.hypot(*deck.half)
         self.press, self.meet, self.react = (
             Launcher(deck_motion.press),
             Launcher(deck_motion.meet),
@@ -228,6 +231,9 @@ class Contacts(Remembers):
         """Refuse a start in environments `envs` [n] in which a deck's plane passes through a vehicle with legs."""
         for name, fleet in self.legged.items():
             for carriers in self.carriers:
+                away = fleet.position_n[envs].unsqueeze(2) - carriers.fleet.position_n[envs].unsqueeze(1)
+                if bool((away.norm(dim=-1) > _reach(fleet) + carriers.reach).all()):
+                    continue
                 depth = soles_in_deck(fleet, carriers, envs)
                 deep = (depth > DEEPEST_START).nonzero()
                 if len(deep):
@@ -237,6 +243,12 @@ class Contacts(Remembers):
                         f"{carriers.fleet.name}: its soles are {float(depth[row, i, j]):.3g} m below the deck's plane, "
                         f"allowed are {DEEPEST_START:g} m"
                     )
+
+
+def _reach(fleet: Fleet[Vehicle]) -> float:
+    """Distance (m) of the soles of vehicles with legs from their own centre of gravity, wherever it varies, at most."""
+    legs = fleet.model.legs
+    return 0.0 if legs is None else 2 * max(math.hypot(*point) for point in legs.points)
 
 
 def soles_in_deck(fleet: Fleet[Vehicle], carriers: Carriers, envs: Tensor) -> Tensor:

@@ -15,14 +15,13 @@ from torch import Tensor
 from taichi_sim.kernels.conventions import (
     ANGULAR_VELOCITY,
     GRAVITY,
-    HEADING,
     POSITION,
     QUATERNION,
     STATE_SIZE,
     SURGE,
     VELOCITY,
 )
-from taichi_sim.kernels.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler, torch_rotation_matrix
+from taichi_sim.kernels.rotation import torch_heading, torch_to_body
 from taichi_sim.models.uav.aircraft import TrimError as TrimError
 from taichi_sim.models.uav.fixed_wing.airframe_arrays import loads, rhs, stall_angles
 from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
@@ -238,27 +237,19 @@ def in_body(vector_n, q: np.ndarray) -> np.ndarray:
 
 def trimmed(state: Tensor, at: Trim, around: Surroundings) -> Tensor:
     """States [n, vehicle, 13] in the flight `at` in the mean wind, at the positions and headings of `state`."""
-    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., HEADING]
-    phi, theta = (torch.full_like(heading, angle) for angle in (at.phi, at.theta))
-    q = torch_quaternion_from_euler(phi, theta, heading)
-    new = torch.zeros_like(state)
-    new[..., POSITION], new[..., QUATERNION] = state[..., POSITION], q
-    through_air = torch.tensor(at.state[VELOCITY], dtype=state.dtype, device=state.device)
-    new[..., VELOCITY] = through_air + _to_body(wind_at(state, around), q)
-    new[..., ANGULAR_VELOCITY] = 0.0
-    return new
+    half = 0.5 * torch_heading(state[..., QUATERNION]).unsqueeze(-1)
+    w, x, y, z = at.state[QUATERNION].tolist()
+    q = torch.cos(half) * state.new_tensor((w, x, y, z)) + torch.sin(half) * state.new_tensor((-z, -y, x, w))
+    velocity = state.new_tensor(at.state[VELOCITY]) + torch_to_body(wind_at(state, around), q)
+    return torch.cat((state[..., POSITION], q, velocity, torch.zeros_like(velocity)), dim=-1)
 
 
 def air_readings(state: Tensor, wind: Tensor) -> Tensor:
     """Airspeed (m/s), angles of attack and sideslip (rad) [.., 3] of `state` [.., 13] in `wind` [.., 3] (NED, m/s)."""
-    u, v, w = (state[..., VELOCITY] - _to_body(wind, state[..., QUATERNION])).unbind(-1)
+    u, v, w = (state[..., VELOCITY] - torch_to_body(wind, state[..., QUATERNION])).unbind(-1)
     return torch.stack(
         (torch.sqrt(u * u + v * v + w * w), torch.atan2(w, u), torch.atan2(v, torch.hypot(u, w))), dim=-1
     )
-
-
-def _to_body(v_n: Tensor, q: Tensor) -> Tensor:
-    return (torch_rotation_matrix(q).mT @ v_n.unsqueeze(-1)).squeeze(-1)
 
 
 @dataclass(frozen=True)

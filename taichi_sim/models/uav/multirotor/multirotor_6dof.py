@@ -44,7 +44,7 @@ from taichi_sim.models.uav.multirotor.airframe import derivatives, ground_ratios
 from taichi_sim.models.uav.multirotor.body_mesh import body_surface
 from taichi_sim.models.uav.multirotor.params import MultirotorParams, multirotor_numbers, nominal_numbers, varying_keys
 from taichi_sim.models.uav.multirotor.params import gains as rotor_gains
-from taichi_sim.models.uav.multirotor.trim import largest_stable_dt, show, trim, trimmed
+from taichi_sim.models.uav.multirotor.trim import largest_stable_dt, trim, trimmed
 from taichi_sim.surroundings.around_vehicles import Surroundings
 from taichi_sim.surroundings.sea import gerstner
 from taichi_sim.vehicle import Limits, Number, UnstableStepError, Vehicle, Waters, edge
@@ -188,11 +188,11 @@ class Multirotor6DOF(Vehicle):
 
     def settle(self, state: Tensor, surface: Tensor, around: Surroundings) -> Tensor:
         """States in steady flight in the mean wind, with positions, headings and velocities over ground of `state`."""
-        return trimmed(self.plan, state, around)
+        return trimmed(self.plan, state, around)[0]
 
     def reset_aux(self, aux: Tensor, state: Tensor, around: Surroundings) -> None:
         """Set rotors and controller to steady flight at `state`."""
-        show(self.plan, aux, state, around)
+        aux.copy_(trimmed(self.plan, state, around)[1])
 
     # -- moving ----------------------------------------------------------------------------------------------------
 

@@ -1,6 +1,6 @@
 """Steady straight flight of a multirotor: attitude and rotor speeds at a given velocity through the air and heading.
 
-`trimmed` and `show` begin a flight in it, in any wind, with instruments and controller settled in it.
+`trimmed` begins a flight in it, in any wind, with instruments and controller settled in it.
 
 Six accelerations are zero. The thrust balances weight and all other forces, so its direction gives the attitude and its
 size the collective thrust. The moments of rotor drag and flapping require differences between rotors (controller.py).
@@ -11,6 +11,7 @@ Of the small motions about it there are the linear model, its modes, and the lon
 
 # Kernels are another language inside Python syntax.
 # pyright: reportAttributeAccessIssue=false, reportGeneralTypeIssues=false, reportIndexIssue=false, reportInvalidTypeForm=false
+# pyright: reportOptionalCall=false
 
 import math
 from dataclasses import dataclass
@@ -22,16 +23,22 @@ import torch
 from torch import Tensor
 
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.abreast import taken2
-from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, DOWN, GRAVITY, HEADING, QUATERNION, STATE_SIZE, VELOCITY
+from taichi_sim.kernels.abreast import put, taken, taken2
+from taichi_sim.kernels.conventions import GRAVITY, QUATERNION, STATE_SIZE, VELOCITY
 from taichi_sim.kernels.rigid_body import cross
-from taichi_sim.kernels.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler, torch_rotation_matrix
-from taichi_sim.kernels.runtime import array2
+from taichi_sim.kernels.rotation import (
+    attitude_of,
+    quaternion_from_euler,
+    torch_quaternion_from_euler,
+    torch_rotation_matrix,
+    velocity_of,
+)
+from taichi_sim.kernels.runtime import array2, array3
 from taichi_sim.models.uav.aircraft import TrimError
 from taichi_sim.models.uav.fixed_wing.trim import Mode, StableStep, in_body, jacobian, level_attitude, rk4_limit
 from taichi_sim.models.uav.local_air import wind_at
 from taichi_sim.models.uav.multirotor import instruments as at
-from taichi_sim.models.uav.multirotor.airframe import loads, rhs
+from taichi_sim.models.uav.multirotor.airframe import inverse_inertia_times, loads, rhs
 from taichi_sim.models.uav.multirotor.controller import allocation
 from taichi_sim.models.uav.multirotor.params import MultirotorParams, gains, nominal_numbers
 from taichi_sim.models.uav.multirotor.rotors import arm
@@ -41,9 +48,10 @@ ITERATIONS = 60
 RESIDUAL = {"f64": 1e-9, "f32": 1e-4}  # largest residual of a trim, m/s^2 and rad/s^2
 ENOUGH = {"f64": 1e-13, "f32": 1e-6}  # residual at which the search ends, m/s^2 and rad/s^2
 BEYOND, FLATTEST = 2.0, 0.1  # bounds of the search: largest speed over omega_max, least vertical thrust over weight
-PHI, THETA, SPECIFIC, MOMENT, LEFT, SPEEDS = 0, 1, 2, 5, 8, 9
-"""Columns of a solution: roll, pitch (rad), specific thrust (3, m/s^2, n), moment of the thrusts (3, N m, b), what is
-left of the accelerations (m/s^2, rad/s^2), rotor speeds (rad/s).
+LEVEL = 1e-6  # level part of the bow's direction below which it has no heading
+BEGIN = 3000.0  # ns to begin a flight, about
+PHI, THETA, LEFT, SPEEDS = range(4)
+"""Columns of a solution: roll, pitch (rad), what is left of the accelerations (m/s^2, rad/s^2), rotor speeds (rad/s).
 """
 STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta")
 PLANES = {"pitch": ("u", "q", "theta"), "roll": ("v", "p", "phi"), "heave": ("w",), "yaw": ("r",)}
@@ -67,64 +75,135 @@ class MultirotorTrim:
         return math.acos(math.cos(self.phi) * math.cos(self.theta))
 
 
+@ti.func
+def balanced(craft: ti.template(), v_n, nose):
+    """Steady flight at v_n through the air (n, m/s) with the nose towards the level unit vector `nose`.
+
+    Returns the body's down axis (n), the specific thrust (m/s^2, n), the moment of the thrusts (N m, b), the rotor
+    speeds (rad/s), and what is left of the accelerations (m/s^2, rad/s^2). Rotor speeds may lie outside the rotors'
+    range; where there is no steady flight the result is finite, and much is left.
+    """
+    p, a = ti.static(nominal_numbers(craft), allocation(craft))
+    N = ti.static(len(craft.rotors))
+    gain = ti.static(gains(p, N))
+    down = ti.Vector([v_n[0] * 0.0, v_n[0] * 0.0, v_n[0] * 0.0 + 1.0])
+    still, ones = ti.Vector([v_n[0] * 0.0, v_n[0] * 0.0, v_n[0] * 0.0]), ti.Vector([v_n[0] * 0.0 + 1.0] * N)
+    z, c, thrust = down, GRAVITY * down, ones
+    omega, balance, left = ones, still, v_n[0] * 0.0
+    for k in ti.static(range(N)):
+        omega[k] = a.hover[k]
+        thrust[k] = p.k_f * omega[k] * omega[k]
+    most = p.k_f * ti.static((BEYOND * craft.rotor.omega_max) ** 2)
+    for _ in range(ITERATIONS):
+        x = ahead(z, nose)
+        y = cross(z, x)
+        v_b = ti.Vector([x.dot(v_n), y.dot(v_n), z.dot(v_n)])
+        force, moment = loads(craft, p, v_b, still, omega, ones)
+        T, turning = v_n[0] * 0.0, still
+        for k in ti.static(range(N)):
+            lift = gain[k] * thrust[k]
+            T += lift
+            turning += cross(arm(craft, p, k), ti.Vector([v_n[0] * 0.0, v_n[0] * 0.0, -lift]))
+            turning[2] += ti.static(craft.rotors[k].yaw) * p.k_m * omega[k] * omega[k] * gain[k]
+        rest = force[0] * x + force[1] * y + (force[2] + T) * z
+        wanted = rest * p.inverse_mass + GRAVITY * down
+        left = ti.sqrt((wanted - T * p.inverse_mass * z).norm_sqr())
+        left = ti.max(left, ti.sqrt(moment.norm_sqr()) * ti.max(p.inverse_00, ti.max(p.inverse_11, p.inverse_22)))
+        c, balance = wanted, turning - moment
+        if left < ti.static(ENOUGH[runtime.current().precision]):
+            break
+        c[2] = ti.max(c[2], ti.static(FLATTEST * GRAVITY))
+        size = ti.sqrt(c.dot(c))
+        z = c / size
+        change = size / p.inverse_mass - T
+        for k in ti.static(range(N)):
+            step = ti.static(a.P[k][0]) * change
+            for b in ti.static(range(3)):
+                step -= ti.static(a.P[k][1 + b]) * moment[b]
+            thrust[k] = ti.max(ti.min(thrust[k] + step, most), 0.0)
+            omega[k] = ti.sqrt(thrust[k] / p.k_f)
+    return z, c, balance, omega, left
+
+
+@ti.func
+def ahead(z, nose):
+    """The body's axis ahead (n) of a body whose axis down is z, its nose above or below the level vector `nose`."""
+    x = z[2] * nose
+    x[2] -= z.dot(nose)
+    return x / ti.sqrt(x.dot(x))
+
+
+@ti.func
+def roll_and_pitch(z, nose):
+    """Roll and pitch (rad) of that body."""
+    return ti.atan2(cross(z, ahead(z, nose))[2], z[2]), ti.atan2(z.dot(nose), z[2])
+
+
 @ti.kernel
 def solve(craft: ti.template(), air: array2, out: array2):
     """Write the solutions [n, SPEEDS + rotor] of steady flight at `air` [n, 5].
 
-    The columns of `air` are the velocity through the air (n, m/s), and cosine and sine of the heading. Rotor speeds may
-    lie outside the rotors' range; where there is no steady flight the result is finite and LEFT is large.
+    The columns of `air` are the velocity through the air (n, m/s), and cosine and sine of the heading.
     """
     for row in range(air.shape[0]):
-        p, a = ti.static(nominal_numbers(craft), allocation(craft))
-        N = ti.static(len(craft.rotors))
-        gain = ti.static(gains(p, N))
         asked = taken2(air, row, 5)
-        v_n = ti.Vector([asked[0], asked[1], asked[2]])
-        nose = ti.Vector([asked[3], asked[4], v_n[0] * 0.0])
-        down = ti.Vector([v_n[0] * 0.0, v_n[0] * 0.0, v_n[0] * 0.0 + 1.0])
-        still, ones = ti.Vector([v_n[0] * 0.0, v_n[0] * 0.0, v_n[0] * 0.0]), ti.Vector([v_n[0] * 0.0 + 1.0] * N)
-        z, c, thrust = down, GRAVITY * down, ones
-        omega, balance, left = ones, still, v_n[0] * 0.0
-        for k in ti.static(range(N)):
-            omega[k] = a.hover[k]
-            thrust[k] = p.k_f * omega[k] * omega[k]
-        x, y = nose, nose
-        most = p.k_f * ti.static((BEYOND * craft.rotor.omega_max) ** 2)
-        for _ in range(ITERATIONS):
-            x = z[2] * nose - z.dot(nose) * down
-            x /= ti.sqrt(x.dot(x))
-            y = cross(z, x)
-            v_b = ti.Vector([x.dot(v_n), y.dot(v_n), z.dot(v_n)])
-            force, moment = loads(craft, p, v_b, still, omega, ones)
-            T, turning = v_n[0] * 0.0, still
-            for k in ti.static(range(N)):
-                lift = gain[k] * thrust[k]
-                T += lift
-                turning += cross(arm(craft, p, k), ti.Vector([v_n[0] * 0.0, v_n[0] * 0.0, -lift]))
-                turning[2] += ti.static(craft.rotors[k].yaw) * p.k_m * omega[k] * omega[k] * gain[k]
-            rest = force[0] * x + force[1] * y + (force[2] + T) * z
-            wanted = rest * p.inverse_mass + GRAVITY * down
-            left = ti.sqrt((wanted - T * p.inverse_mass * z).norm_sqr())
-            left = ti.max(left, ti.sqrt(moment.norm_sqr()) * ti.max(p.inverse_00, ti.max(p.inverse_11, p.inverse_22)))
-            c, balance = wanted, turning - moment
-            if left < ti.static(ENOUGH[runtime.current().precision]):
-                break
-            c[2] = ti.max(c[2], ti.static(FLATTEST * GRAVITY))
-            size = ti.sqrt(c.dot(c))
-            z = c / size
-            change = size / p.inverse_mass - T
-            for k in ti.static(range(N)):
-                step = ti.static(a.P[k][0]) * change
-                for b in ti.static(range(3)):
-                    step -= ti.static(a.P[k][1 + b]) * moment[b]
-                thrust[k] = ti.max(ti.min(thrust[k] + step, most), 0.0)
-                omega[k] = ti.sqrt(thrust[k] / p.k_f)
-        out[row, PHI], out[row, THETA] = ti.atan2(y[2], z[2]), ti.atan2(z.dot(nose), z[2])
-        for b in ti.static(range(3)):
-            out[row, SPECIFIC + b], out[row, MOMENT + b] = c[b], balance[b]
+        nose = ti.Vector([asked[3], asked[4], asked[0] * 0.0])
+        z, _, _, omega, left = balanced(craft, ti.Vector([asked[0], asked[1], asked[2]]), nose)
+        out[row, PHI], out[row, THETA] = roll_and_pitch(z, nose)
         out[row, LEFT] = left
-        for k in ti.static(range(N)):
+        for k in ti.static(range(len(craft.rotors))):
             out[row, SPEEDS + k] = omega[k]
+
+
+def _full(craft: MultirotorParams) -> tuple[float, float]:
+    """Charge (0 to 1) and voltage (V) of the battery at the beginning, zero without."""
+    return (0.0, 0.0) if craft.battery is None else (craft.battery.charge, craft.battery.full)
+
+
+@ti.kernel
+def begin_flight(craft: ti.template(), state: array3, wind: array3, tilted: array3, aux: array3, serial: ti.template()):
+    """Write how vehicles at `state` [n, vehicle, 13] in `wind` [n, vehicle, 3] (NED, m/s) begin a steady flight.
+
+    `tilted` gets their states, with the velocities over ground and the headings of `state`; `aux` gets instruments and
+    controllers that are settled in that flight. The first step draws the turbulence.
+    """
+    ti.loop_config(serialize=serial)
+    for e, i in ti.ndrange(state.shape[0], state.shape[1]):
+        y, air = taken(state, e, i, 0, STATE_SIZE), taken(wind, e, i, 0, 3)
+        p = ti.static(nominal_numbers(craft))
+        R = attitude_of(y)
+        v_n, nose = R @ velocity_of(y), ti.Vector([y[0] * 0.0 + 1.0, y[0] * 0.0, y[0] * 0.0])
+        level = ti.sqrt(R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0])
+        if level > LEVEL:
+            nose[0], nose[1] = R[0, 0] / level, R[1, 0] / level
+        z, specific, moment, omega, _ = balanced(craft, v_n - air, nose)
+        x = ahead(z, nose)
+        y_axis = cross(z, x)
+        roll, pitch = roll_and_pitch(z, nose)
+        q = quaternion_from_euler(roll, pitch, ti.atan2(nose[1], nose[0]))
+        put(tilted, e, i, 0, [y[0], y[1], y[2], q[0], q[1], q[2], q[3]])
+        put(tilted, e, i, 7, [x.dot(v_n), y_axis.dot(v_n), z.dot(v_n), 0.0, 0.0, 0.0])
+        for k in range(aux.shape[2]):
+            aux[e, i, k] = 0.0
+        size = ti.sqrt(specific.norm_sqr())
+        aux[e, i, at.THRUST], aux[e, i, at.GROUND] = size / p.inverse_mass, 1.0
+        aux[e, i, at.AIRSPEED] = ti.sqrt((v_n - air).norm_sqr())
+        aux[e, i, at.TILT] = ti.acos(ti.max(ti.min(specific[2] / size, 1.0), -1.0))
+        aux[e, i, at.HEADING], aux[e, i, at.HEADING + 1] = nose[0], nose[1]
+        turning = inverse_inertia_times(p, moment)
+        for b in ti.static(range(3)):
+            aux[e, i, at.WIND + b] = air[b]
+            aux[e, i, at.VELOCITY_WANTED + b], aux[e, i, at.VELOCITY_N + b] = v_n[b], v_n[b]
+            aux[e, i, at.INTEGRALS + b] = turning[b]
+            aux[e, i, at.INTEGRALS + 3 + b] = ti.static(GRAVITY if b == 2 else 0.0) - specific[b]
+        charge, voltage = ti.static(_full(craft))
+        aux[e, i, at.CHARGE], aux[e, i, at.VOLTAGE] = charge, voltage
+        for k in ti.static(range(len(craft.rotors))):
+            speed = ti.min(omega[k], ti.static(craft.rotor.omega_max))
+            aux[e, i, at.SPEEDS + k] = ti.max(speed, ti.static(craft.rotor.omega_min))
+
+
+_begin = runtime.Launcher(begin_flight)
 
 
 def trim(
@@ -158,60 +237,16 @@ def trim(
     return MultirotorTrim(air[0, :3], phi, theta, heading, omega, state)
 
 
-def steady(craft: MultirotorParams, state: Tensor, wind: Tensor) -> Tensor:
-    """Steady flight [n, vehicle, column] at the velocity over ground and the heading of `state` [n, vehicle, 13].
+def trimmed(craft: MultirotorParams, state: Tensor, around: Surroundings) -> tuple[Tensor, Tensor]:
+    """How vehicles begin a flight in the mean wind at places, headings, velocities over ground of `state`.
 
-    The columns are PHI to SPEEDS; `wind` [n, vehicle, 3] is NED, m/s.
+    Returns:
+        Their states [n, vehicle, 13], tilted into the wind, and their auxiliary states [n, vehicle, ..] (`at`).
     """
-    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., HEADING:]
-    air = torch.cat((_velocity_n(state) - wind, torch.cos(heading), torch.sin(heading)), dim=-1)
-    out = state.new_empty((*state.shape[:2], SPEEDS + len(craft.rotors)))
-    solve(craft, air.flatten(0, 1).contiguous(), out.flatten(0, 1))
-    return out
-
-
-def trimmed(craft: MultirotorParams, state: Tensor, around: Surroundings) -> Tensor:
-    """States [n, vehicle, 13] at places, headings, velocities over ground of `state`, tilted into the mean wind."""
-    found = steady(craft, state, wind_at(state, around))
-    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., HEADING]
-    new = state.clone()
-    new[..., QUATERNION] = torch_quaternion_from_euler(found[..., PHI], found[..., THETA], heading)
-    R = torch_rotation_matrix(new[..., QUATERNION])
-    new[..., VELOCITY] = (R.mT @ _velocity_n(state).unsqueeze(-1)).squeeze(-1)
-    new[..., ANGULAR_VELOCITY] = 0.0
-    return new
-
-
-def show(craft: MultirotorParams, aux: Tensor, state: Tensor, around: Surroundings) -> None:
-    """Write aux [n, vehicle, ..] of vehicles that begin at `state` [n, vehicle, 13].
-
-    Rotor speeds and the controller's integrals are those of steady flight there. The first step draws the turbulence.
-    """
-    aux.zero_()
-    wind, rotor = wind_at(state, around), craft.rotor
-    found = steady(craft, state, wind)
-    velocity = _velocity_n(state)
-    aux[..., at.SPEEDS :] = found[..., SPEEDS:].clamp(rotor.omega_min, rotor.omega_max)
-    aux[..., at.WIND : at.WIND + 3] = wind
-    aux[..., at.AIRSPEED] = (velocity - wind).norm(dim=-1)
-    aux[..., at.GROUND] = 1.0
-    for first in (at.VELOCITY_WANTED, at.VELOCITY_N):
-        aux[..., first : first + 3] = velocity
-    specific, moment = found[..., SPECIFIC : SPECIFIC + 3], found[..., MOMENT : MOMENT + 3]
-    inverse = torch.linalg.inv(torch.tensor(craft.physical.inertia)).to(state)
-    aux[..., at.INTEGRALS : at.INTEGRALS + 3] = moment @ inverse
-    aux[..., at.INTEGRALS + 3 : at.INTEGRALS + 6] = specific.new_tensor((0.0, 0.0, GRAVITY)) - specific
-    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., HEADING]
-    aux[..., at.HEADING], aux[..., at.HEADING + 1] = torch.cos(heading), torch.sin(heading)
-    aux[..., at.THRUST] = craft.physical.mass * specific.norm(dim=-1)
-    aux[..., at.TILT] = torch.acos((specific[..., DOWN] / specific.norm(dim=-1)).clamp(-1.0, 1.0))
-    if craft.battery is not None:
-        aux[..., at.CHARGE], aux[..., at.VOLTAGE] = craft.battery.charge, craft.battery.full
-
-
-def _velocity_n(state: Tensor) -> Tensor:
-    """Velocity over ground [.., 3] (n, m/s) of `state` [.., 13]."""
-    return (torch_rotation_matrix(state[..., QUATERNION]) @ state[..., VELOCITY].unsqueeze(-1)).squeeze(-1)
+    tilted, aux = torch.empty_like(state), state.new_empty((*state.shape[:2], at.SPEEDS + len(craft.rotors)))
+    serial = runtime.few(tilted[..., 0].numel(), BEGIN)
+    _begin.once(craft, state.contiguous(), wind_at(state, around).contiguous(), tilted, aux, serial)
+    return tilted, aux
 
 
 @dataclass(frozen=True)
