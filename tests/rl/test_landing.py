@@ -12,7 +12,7 @@ from refusal import assert_says
 from rl.evaluation.episodes import judge_episodes
 from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario, make_mission
-from rl.missions.landing.boats import MESSAGE
+from rl.missions.landing.boats import Message
 from rl.missions.landing.config import PilotConfig
 from rl.missions.landing.foresight import BLOWN, Foresight
 from rl.missions.landing.judge import OUTCOMES
@@ -23,6 +23,7 @@ from rl.missions.landing.pilots import ABOVE, HIGH, MARGIN, SAMPLED, Pilot
 from rl.perception.due import BEGINS, GOES_ON
 from rl.planning.planner import HonestPlanner, PlanConfig
 from taichi_sim.config import ConfigError
+from taichi_sim.kernels.rotation import DERIVED_SIZE, VELOCITY_N
 
 CALM = (
     "variation=0", "sea.sea_state=1", "sea.realisations=4", "air.speed=1", "landing.distance=[8, 12]",
@@ -235,29 +236,24 @@ def test_boats_that_take_part_and_hold_do_as_boats_that_do_not():
 def test_the_deck_is_known_as_well_as_messages_and_looks_allow():
     """Of a deck in steady motion, exact messages of which are late, everything is known exactly."""
     dt, late = 0.1, 0.2
-    like = torch.zeros(1, 1, 13, dtype=torch.float64)
-    known, v, own_v = KnownDeck(like, dt), like.new_tensor((1.0, -0.5, 0.0)), like.new_tensor((2.0, 0.0, 0.0))
+    like = torch.zeros(1, 1, 13)
+    known, v, own_v = KnownDeck(like, dt, 1), like.new_tensor((1.0, -0.5, 0.0)), like.new_tensor((2.0, 0.0, 0.0))
+    nothing, off = torch.zeros(1, 1, Look.SIZE), like.new_tensor((0.4, 0.0, 0.0))
 
-    class Own:
-        position_n = velocity_n = like[..., :3]
+    def measure(k: int, which: int, look: torch.Tensor, error: torch.Tensor | float = 0.0) -> None:
+        own = SimpleNamespace(state=like.clone(), derived=torch.zeros(1, 1, DERIVED_SIZE))
+        own.state[..., :3], own.derived[..., VELOCITY_N] = own_v * (k * dt) + error, own_v
+        heard = torch.zeros(1, 2, 2, Message.SIZE + 1)  # by the aircraft, from its boat
+        heard[0, 1, 0, :3], heard[0, 1, 0, 3:6], heard[0, 1, 0, -1] = v * (k * dt - late), v, late
+        known.measure(due(1, which), own, look, heard)  # pyright: ignore[reportArgumentType]
 
-    def heard(t: float):
-        message = like.new_zeros((1, 1, MESSAGE + 1))
-        message[..., :3], message[..., 3:6], message[..., -1] = v * (t - late), v, late
-        return message
-
-    nothing = Look(torch.zeros(1, 1, dtype=torch.bool), like[..., :3], like[..., 0])
     for k in range(40):
-        Own.position_n, Own.velocity_n = (own_v * (k * dt)).view(1, 1, 3), own_v.view(1, 1, 3)
-        known.measure(due(1, GOES_ON if k else BEGINS), Own, nothing, heard(k * dt))
-        assert torch.allclose(known.to, (v - own_v) * (k * dt), atol=1e-9)
-    assert float(known.seen) > 3.0 and torch.allclose(known.velocity, v)
-    off = like.new_tensor((0.4, 0.0, 0.0))  # satellite navigation errs, the marker does not
-    for k in range(40, 80):
-        Own.position_n = (own_v * (k * dt) + off).view(1, 1, 3)
-        to = ((v - own_v) * (k * dt)).view(1, 1, 3)
-        look = Look(torch.ones(1, 1, dtype=torch.bool), to, torch.full((1, 1), 1e-4, dtype=torch.float64))
-        known.measure(due(1), Own, look, heard(k * dt))
+        measure(k, GOES_ON if k else BEGINS, nothing)
+        assert torch.allclose(known.to, (v - own_v) * (k * dt), atol=1e-4)
+    assert float(known.seen) > 3.0 and torch.allclose(known.velocity, v, atol=1e-5)
+    for k in range(40, 80):  # satellite navigation errs, the marker does not
+        to = (v - own_v) * (k * dt)
+        measure(k, GOES_ON, torch.cat((to, to.new_tensor((1e-4,)))).view(1, 1, Look.SIZE), off)
     assert torch.allclose(known.to, to, atol=0.02)
 
 
@@ -267,7 +263,9 @@ def test_rotors_let_go_only_over_the_deck_and_upright(monkeypatch):
     team = mission.teams["uav"]
     monkeypatch.setattr(type(team), "touches", property(lambda team: torch.ones(4, 1, dtype=torch.bool)))
     known = team.known_deck
-    known.to, known.attitude = torch.zeros_like(known.to), torch.zeros_like(known.attitude)
+    deck, still = mission.boats.deck, torch.zeros_like(known.to)
+    level = deck._replace(R=torch.eye(3).expand_as(deck.R), heading=(torch.ones(4, 1), torch.zeros(4, 1)))
+    known.suppose(level, still, still, still)
     c, s = torch.tensor([1.0, 1.0, 1.0, math.cos(0.2)]), torch.tensor([0.0, 0.0, 0.0, math.sin(0.2)])
     R = torch.eye(3).repeat(4, 1, 1, 1)  # the last one leans by 11 degrees
     R[:, 0, 0, 0], R[:, 0, 0, 2], R[:, 0, 2, 0], R[:, 0, 2, 2] = c, s, -s, c

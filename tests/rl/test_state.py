@@ -40,8 +40,6 @@ SCRATCH = (
     ".members['remainder']",  # of copies of a group's last vehicle; those of vehicles are `Fleet.remainder`
     ".members['rests']",
     "._which",
-    ".marker._drawn",
-    "._look[",
     ".members['way']",
     ".members['place']",
     "].before",

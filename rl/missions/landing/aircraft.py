@@ -101,7 +101,7 @@ class Aircraft(Team[Parts, LandingTeam]):
         self.boat_of = torch.arange(self.fleet.count, device=state.device) % boats
         self.alone = self.fleet.count == boats
         self.own = self.remember(Readings(self.fleet, self.section.sensors, self.interval, config.first_number(name)))
-        self._known_deck = self.remember(KnownDeck(state, self.interval))
+        self._known_deck = self.remember(KnownDeck(state, self.interval, boats))
         self.soles_below = float(model.soles(self.fleet)[..., BELOW].max())
         self._soles = state.new_tensor(model.legs.points)[:, :2]
         shape = state.shape[:2]
@@ -318,7 +318,7 @@ class Aircraft(Team[Parts, LandingTeam]):
         self._wanted, deck = None, self.deck
         fresh, on = due.begins.unsqueeze(-1), due.goes_on.unsqueeze(-1)
         away = self.fleet.position_n - deck.place
-        self.offset = (deck.R.mT @ away.unsqueeze(-1)).squeeze(-1)
+        self.offset = (deck.R * away.unsqueeze(-1)).sum(-2)
         self.height = -self.offset[..., BELOW] - self.soles_below
         level = self.offset[..., :2].norm(dim=-1)
         above, demands = self.height.clamp(min=0.0), self.model.demands
@@ -367,7 +367,7 @@ class Aircraft(Team[Parts, LandingTeam]):
     @property
     def known_height(self) -> Tensor:
         """Estimated height of the soles above the deck's plane, m."""
-        return (self.known_deck.to * self.known_deck.down).sum(-1) - self.soles_below
+        return self.known_deck.above - self.soles_below
 
     def _take_turns(self, on: Tensor, fresh: Tensor) -> None:
         """Update which aircraft are done, and whose turn it is, on decks that several aircraft share."""
@@ -472,10 +472,12 @@ class Aircraft(Team[Parts, LandingTeam]):
     def observe(self) -> dict[str, Tensor]:
         """Observation terms of each aircraft, in the level frame of its deck."""
         known, own, mission = self.known_deck, self.own, self.mission
-        heading = known.heading
-        to, deck_v = into_level(known.to, heading), into_level(known.velocity, heading)
-        own_v = into_level(own.velocity_n, heading)
-        up = into_level(own.R_nb[..., BELOW], heading)
+        vectors = [known.to, known.velocity, known.acceleration, own.velocity_n, own.R_nb[..., BELOW]]
+        if self.section.correction is not None:
+            vectors.append(self.wanted - own.velocity_n)
+        c, s = known.heading
+        level = into_level(torch.stack(vectors, dim=-2), (c.unsqueeze(-1), s.unsqueeze(-1)))
+        to, deck_v, deck_a, own_v, up, *wanted = level.unbind(-2)
         height = self.known_height.unsqueeze(-1)
         left = 1 - mission.steps.to(to).view(-1, 1, 1) / mission.config.episode_steps
         terms = {
@@ -486,7 +488,7 @@ class Aircraft(Team[Parts, LandingTeam]):
             "relative_velocity": squashed(deck_v - own_v, SLOW),
             "velocity": squashed(own_v, FAST),
             "deck_velocity": squashed(deck_v, SLOW),
-            "deck_acceleration": squashed(into_level(known.acceleration, heading), 1.0),
+            "deck_acceleration": squashed(deck_a, 1.0),
             "deck_past": squashed(known.past[..., list(LAGS)], SLOW),
             "deck_tilt": 5.0 * known.attitude[..., :2],
             "deck_rates": 2.0 * known.rates,
@@ -497,8 +499,8 @@ class Aircraft(Team[Parts, LandingTeam]):
             "standing": torch.stack((self.touched, self.standing), dim=-1).to(to),
             "previous_action": self.action[..., :3],
         }
-        if self.section.correction is not None:
-            terms["reference"] = squashed(into_level(self.wanted - own.velocity_n, heading), SLOW)
+        if wanted:
+            terms["reference"] = squashed(wanted[0], SLOW)
         return terms
 
     def truth_now(self) -> Tensor | None:
@@ -523,27 +525,24 @@ class SensingAircraft(Aircraft):
     def __init__(self, mission: Parts, name: str, decks: Decks, radio: Radio):
         """Prepare team `name`, whose aircraft come after the boats of `decks` in `radio`."""
         super().__init__(mission, name, decks)
-        sensors, first = self.section.sensors, decks.fleet.count
+        sensors = self.section.sensors
         tilted = sensors.errors * math.radians(sensors.imu.attitude_noise_deg)
-        self.marker = Marker(self.section.marker, self.own, tilted, mission.config.first_number(name))
-        self._radio, self._receivers = radio, torch.arange(first, first + self.fleet.count, device=self.boat_of.device)
-        self._look: Look | None = None
+        self.marker = self.remember(Marker(self.section.marker, self.own, tilted, mission.config.first_number(name)))
+        self._radio = radio
 
     def sense(self, due: Due) -> None:
         """Read the instruments, and look at the markers."""
         super().sense(due)
-        deck = self.deck
-        self._look = self.marker.look(self.fleet, deck.place - self.fleet.position_n, deck.down, self.mission.hs, due)
+        self.marker.look(self.fleet, self.decks, self.mission.hs, due)
 
     @property
     def seen_marker(self) -> tuple[Tensor, Tensor]:
         """Whether each camera sees its marker, bool [env, aircraft]; where, from the aircraft, b, m, [.., 3]."""
         self.mission.perceive()
-        assert self._look is not None
-        return self._look.found, (self.own.R_nb.mT @ self._look.place.unsqueeze(-1)).squeeze(-1)
+        seen = self.marker.seen
+        return seen[..., Look.VARIANCE] > 0, (self.own.R_nb.mT @ seen[..., : Look.VARIANCE, None]).squeeze(-1)
 
     def conclude(self, due: Due) -> None:
         """Update the known decks by the looks and by the messages of the boats."""
         super().conclude(due)
-        assert self._look is not None
-        self._known_deck.measure(due, self.own, self._look, self._radio.heard[:, self._receivers, self.boat_of])
+        self._known_deck.measure(due, self.own, self.marker.seen, self._radio.heard)

@@ -30,8 +30,15 @@ SMOOTH = 5.0  # s, over which the velocity of a deck is averaged, from which its
 QUICK = 0.3  # s, over which what the boat measures of its deck's acceleration is averaged; assumed
 REMEMBERED = 20.0  # s, over which a boat knows how much its deck moves; assumed
 SLOWEST = 0.05  # m/s: a boat that is to stay still is to have a course, too
-MESSAGE = 15  # of the deck: place, velocity, acceleration; of the boat: roll, pitch and heading, rates (b); 3 each
 COURSE, SPEED = 0, 1  # columns of what boats are ordered, sail for, and deviate by
+
+
+class Message:
+    """Columns of what a boat sends, 3 each: place, velocity and acceleration of the deck (NED); roll, pitch and heading
+    of the boat, its rates (b).
+    """
+
+    PLACE, VELOCITY, ACCELERATION, ATTITUDE, RATES, SIZE = range(0, 18, 3)
 
 
 class Boats(Decks):
@@ -131,7 +138,7 @@ class Boats(Decks):
         self.seen = deck_motion(self.own, self.centre)
 
     def message(self) -> Tensor:
-        """What each boat sends about its deck and itself, [env, boat, MESSAGE]."""
+        """What each boat sends about its deck and itself, [env, boat, Message.SIZE]."""
         seen, attitude = self.seen, torch_euler_from_rotation(self.seen.R)
         return torch.cat((seen.place, seen.velocity, self.acceleration, attitude, self.own.angular_velocity_b), dim=-1)
 

@@ -11,13 +11,25 @@ a sin(SWING age) / SWING. They measure d, too, while no look has found the marke
 navigation of both, whose errors are in it. Frame: NED.
 """
 
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false, reportAttributeAccessIssue=false, reportIndexIssue=false
+
+from typing import NamedTuple
+
+import taichi as ti
 import torch
 from torch import Tensor
 
+from rl.missions.landing.boats import Message
+from rl.missions.landing.deck_motion import DeckMotion
 from rl.missions.landing.marker import Look
-from rl.perception.due import Due
+from rl.perception.due import BEGINS, NOT_DUE, Due
 from taichi_sim.fleet import Views
-from taichi_sim.kernels.conventions import HEADING, PITCH, ROLL
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.abreast import put, taken
+from taichi_sim.kernels.conventions import PITCH, ROLL
+from taichi_sim.kernels.rotation import VELOCITY_N, torch_euler_from_rotation
+from taichi_sim.kernels.runtime import array3, array4, whole1
 from taichi_sim.state.memory import Remembers
 
 BLIND = 1.0  # s after which a look no longer says where the deck is; assumed
@@ -30,124 +42,224 @@ SWING = 1.4  # rad/s, of a small boat on waves; assumed
 MEAN = 5.0  # s, over which the mean velocity is averaged; assumed
 OLDEST = 3.0  # s: an older acceleration is not gone on with; assumed
 LAGS = (5, 10, 20)  # decisions: how long ago vertical speeds were that are remembered
+OLDEST_LAG = max(LAGS)
+KNOW = 300.0  # ns of one aircraft, about
+
+# Columns: d, v, a (3 each); roll, pitch, heading of the boat and its rates (3 each); mean velocity (3); own velocity a
+# decision ago (3); the covariance of d, v, a (dd, dv, da, vv, va, aa); the deck's axis down (3), cosine and sine of the
+# heading; height above the deck's plane; ages of the last look and message; vertical speeds, the latest first.
+(TO, VELOCITY, ACCELERATION, ATTITUDE, RATES, AVERAGE, OWN, COVARIANCE, DOWN_AXIS, COS, SIN, ABOVE, SEEN, HEARD,
+ PAST) = (
+    0, 3, 6, 9, 12, 15, 18, 21, 27, 30, 31, 32, 33, 34, 35
+)  # fmt: skip
+
+
+class Filter(NamedTuple):
+    """Compile-time parameters of the kernel."""
+
+    dt: float  # s, of a decision
+    serial: bool  # run on the calling thread
+
+
+@ti.func
+def corrected(x: ti.template(), P: ti.template(), row, z, variance):
+    """Correct x [3, 3], which holds d, v - u and a by rows, and its covariance P by a measurement z = row . x."""
+    across = P @ row
+    gain = across / (across.dot(row) + variance)
+    x += gain.outer_product(z - x.transpose() @ row)
+    P -= gain.outer_product(across)
+
+
+@ti.func
+def begun(known: ti.template(), e, i, by_radio, velocity, acceleration, own):
+    """Know the deck as it was heard of."""
+    put(known, e, i, TO, [by_radio[0], by_radio[1], by_radio[2], velocity[0], velocity[1], velocity[2]])
+    put(known, e, i, ACCELERATION, [acceleration[0], acceleration[1], acceleration[2]])
+    put(known, e, i, AVERAGE, [velocity[0], velocity[1], 0.0, own[0], own[1], own[2]])
+    put(known, e, i, COVARIANCE, [FROM_RADIO**2, 0.0, 0.0, V_TOLD**2, 0.0, BEGUN**2])
+    known[e, i, SEEN] = 2 * BLIND
+    for k in range(OLDEST_LAG + 1):
+        known[e, i, PAST + k] = velocity[2]
+
+
+@ti.func
+def gone_on(known: ti.template(), look: ti.template(), e, i, by_radio, told, age, own, form: ti.template()):
+    """Predict, and correct by what was heard and seen."""
+    dt, w = ti.static(form.dt, SWING**2)
+    F = ti.Matrix([[1.0, dt - w * dt**3 / 6, dt * dt / 2], [0.0, 1.0 - w * dt * dt / 2, dt], [0.0, -w * dt, 1.0]])
+    jerk = ti.Vector([JERK * dt**3 / 6, JERK * dt * dt / 2, JERK * dt])
+    before, mean, c = taken(known, e, i, 0, 9), taken(known, e, i, AVERAGE, 3), taken(known, e, i, COVARIANCE, 6)
+    x = ti.Matrix(
+        [
+            [before[0], before[1], before[2]],
+            [before[3] - mean[0], before[4] - mean[1], before[5] - mean[2]],
+            [before[6], before[7], before[8]],
+        ]
+    )
+    P = ti.Matrix([[c[0], c[1], c[2]], [c[1], c[3], c[4]], [c[2], c[4], c[5]]])
+    x = F @ x
+    for k in ti.static(range(3)):
+        x[0, k] += dt * (mean[k] - 0.5 * (known[e, i, OWN + k] + own[k]))
+    P = F @ P @ F.transpose() + jerk.outer_product(jerk)
+    P[0, 0] += (OWN_NOISE * dt) ** 2
+    there = ti.Vector([1.0, 0.0, 0.0])
+    if age < known[e, i, HEARD] + 0.5 * dt:
+        row = ti.Vector([0.0, ti.cos(SWING * age), -ti.sin(SWING * age) / SWING])
+        corrected(x, P, row, told - mean, V_TOLD**2 + (0.5 * JERK * age * age) ** 2)
+        if known[e, i, SEEN] > BLIND:
+            corrected(x, P, there, by_radio, FROM_RADIO**2)
+    seen = taken(look, e, i, 0, Look.SIZE)
+    known[e, i, SEEN] += dt
+    if seen[Look.VARIANCE] > 0.0:
+        corrected(x, P, there, ti.Vector([seen[0], seen[1], seen[2]]), seen[Look.VARIANCE])
+        known[e, i, SEEN] = 0.0
+    v = ti.Vector([x[1, k] + mean[k] for k in ti.static(range(3))])
+    put(known, e, i, TO, [x[0, 0], x[0, 1], x[0, 2], v[0], v[1], v[2]])
+    put(known, e, i, ACCELERATION, [x[2, 0], x[2, 1], x[2, 2]])
+    for k in ti.static(range(2)):
+        known[e, i, AVERAGE + k] = mean[k] + ti.static(dt / (MEAN + dt)) * (v[k] - mean[k])
+    put(known, e, i, OWN, [own[0], own[1], own[2]])
+    put(known, e, i, COVARIANCE, [P[0, 0], P[0, 1], P[0, 2], P[1, 1], P[1, 2], P[2, 2]])
+    for back in range(OLDEST_LAG):
+        k = PAST + OLDEST_LAG - back
+        known[e, i, k] = known[e, i, k - 1]
+    known[e, i, PAST] = v[2]
+
+
+@ti.kernel
+def _know(
+    known: array3, look: array3, heard: array4, state: array3, derived: array3, which: whole1, boats: ti.template(),
+    form: ti.template(),
+):  # fmt: skip
+    ti.loop_config(serialize=form.serial)
+    for e, i in ti.ndrange(known.shape[0], known.shape[1]):
+        if which[e] != NOT_DUE:
+            said = ti.Vector([heard[e, boats + i, i % boats, k] for k in ti.static(range(Message.SIZE + 1))])
+            age = said[Message.SIZE]
+            lead = ti.min(age, OLDEST)
+            place, velocity, acceleration, angles, rates = ti.static(
+                Message.PLACE, Message.VELOCITY, Message.ACCELERATION, Message.ATTITUDE, Message.RATES
+            )
+            own = taken(derived, e, i, ti.static(VELOCITY_N.start), 3)
+            told = ti.Vector([said[velocity + k] for k in ti.static(range(3))])
+            gains = ti.Vector([said[acceleration + k] for k in ti.static(range(3))])
+            by_radio = ti.Vector([said[place + k] - state[e, i, k] for k in ti.static(range(3))])
+            by_radio += lead * told + 0.5 * lead * lead * gains
+            if which[e] == BEGINS:
+                begun(known, e, i, by_radio, told + lead * gains, gains, own)
+            else:
+                gone_on(known, look, e, i, by_radio, told, age, own, form)
+            known[e, i, HEARD] = age
+            # roll, pitch and heading, gone on with by their rates, for small roll and pitch
+            p, q, r = said[rates], said[rates + 1], said[rates + 2]
+            roll = said[angles] + lead * (p + r * said[angles + 1])
+            pitch = said[angles + 1] + lead * (q - r * said[angles])
+            heading = said[angles + 2] + lead * (r + q * said[angles])
+            put(known, e, i, ATTITUDE, [roll, pitch, heading, p, q, r])
+            c, s, ahead, aside = ti.cos(heading), ti.sin(heading), ti.cos(roll) * ti.sin(pitch), -ti.sin(roll)
+            down = ti.cos(roll) * ti.cos(pitch)
+            north, east = c * ahead - s * aside, s * ahead + c * aside
+            above = known[e, i, TO] * north + known[e, i, TO + 1] * east + known[e, i, TO + 2] * down
+            put(known, e, i, DOWN_AXIS, [north, east, down, c, s, above])
 
 
 class KnownDeck(Remembers):
     """Each aircraft's knowledge of its deck, a Kalman filter (see the module); every tensor is [env, aircraft, ...].
 
     Attributes:
-        to: [.., 3] from the aircraft to the deck's middle, m. velocity, acceleration: [.., 3] of the deck.
-        attitude: [.., 3] roll, pitch, heading of the boat as last heard, gone on with. rates: [.., 3] of it, b.
-        heading: cosine and sine of the boat's heading. seen, heard: ages of the last look and message, s.
-        past: [.., n] vertical speed of the deck, n decisions back. mean: [.., 3] mean velocity of the deck, none down.
+        table: [.., n] all of it, by columns; the others are views of it, which the next `measure` overwrites.
     """
 
-    def __init__(self, like: Tensor, interval: float):
-        """Make filters for the aircraft of `like` [env, aircraft, n], updated every `interval` s."""
-        self.interval = interval
-        self.to, self.velocity, self.acceleration, self.attitude, self.rates = (
-            self.remember(like[..., :3] * 0.0) for _ in range(5)
-        )
-        self.seen, self.heard = (self.remember(like.new_zeros(like.shape[:2])) for _ in range(2))
-        self.past = self.remember(like.new_zeros((*like.shape[:2], max(LAGS) + 1)))
-        dt, w = interval, SWING**2
-        # of the deck; own, a decision ago; m/s
-        self.mean, self._own = (self.remember(like[..., :3] * 0.0) for _ in range(2))
-        self._level = like.new_tensor((1.0, 1.0, 0.0))
-        step = ((1.0, dt - w * dt**3 / 6, dt * dt / 2), (0.0, 1.0 - w * dt * dt / 2, dt), (0.0, -w * dt, 1.0))
-        self._step = like.new_tensor(step).expand(*like.shape[:2], 3, 3)  # one each: else rounding depends on how many
-        jerk = JERK * like.new_tensor((dt**3 / 6, dt * dt / 2, dt))
-        noise = torch.outer(jerk, jerk)
-        noise[0, 0] += (OWN_NOISE * dt) ** 2
-        self._noise = noise
-        self._begun = like.new_tensor((FROM_RADIO, V_TOLD, BEGUN)).square().diag()
-        self._covariance = self.remember(self._begun.expand(*like.shape[:2], 3, 3).clone())  # of d, v and a
+    def __init__(self, like: Tensor, interval: float, boats: int):
+        """Make filters for the aircraft of `like` [env, aircraft, n], updated every `interval` s.
 
-    def measure(self, due: Due, own: Views, look: Look, heard: Tensor) -> None:
+        Aircraft i has the deck of boat i, modulo `boats`, and hears it as member `boats` + i of the radio.
+        """
+        self._interval, self._boats = interval, boats
+        self.table = self.remember(like.new_zeros((*like.shape[:2], PAST + OLDEST_LAG + 1)))
+        self._launch = runtime.Launcher(_know)
+
+    def measure(self, due: Due, own: Views, look: Tensor, heard: Tensor) -> None:
         """Update the filter in the environments that are `due`.
 
-        own: the aircraft as it measures itself. heard: [env, aircraft, MESSAGE + 1] its boat's last message (boats.py),
-        and its age.
+        own: the aircraft as it measures itself. look: [env, aircraft, Look.SIZE] (marker.py). heard: the messages of
+        all, Radio.heard (boats.py).
         """
-        dt = self.interval
-        place, velocity, acceleration, angles, rates, age = heard.split(3, dim=-1)
-        age = age.squeeze(-1)
-        lead = age.clamp(max=OLDEST).unsqueeze(-1)
-        by_radio = place + lead * velocity + 0.5 * lead.square() * acceleration - own.position_n
-        v_radio = velocity + lead * acceleration
-        on, fresh = due.goes_on.unsqueeze(-1), due.begins.unsqueeze(-1)
-        # predicted
-        mean = self.mean
-        x = self._step @ torch.stack((self.to, self.velocity - mean, self.acceleration), dim=-2)
-        x[..., 0, :] += dt * (mean - 0.5 * (self._own + own.velocity_n))
-        P = self._step @ self._covariance @ self._step.mT + self._noise
-        # by radio
-        new, blind = age < self.heard + 0.5 * dt, self.seen > BLIND
-        zero, one = torch.zeros_like(age), torch.ones_like(age)
-        told = V_TOLD**2 + (0.5 * JERK * age.square()).square()
-        row = torch.stack((zero, (SWING * age).cos(), -(SWING * age).sin() / SWING), -1)
-        x, P = _corrected(x, P, row, velocity - mean, told, new)
-        there = torch.stack((one, zero, zero), -1)
-        x, P = _corrected(x, P, there, by_radio, FROM_RADIO**2 * one, new & blind)
-        # by the marker
-        x, P = _corrected(x, P, there, look.place, look.variance + 1e-6, look.found)
-        to, v, a = x.unbind(-2)
-        v = v + mean
-        mean = mean + dt / (MEAN + dt) * self._level * (v - mean)
-        seen = torch.where(look.found, 0.0, self.seen + dt)
-        # at the beginning: as heard
-        attitude = angles + lead * self._euler_rates(angles, rates)
+        form = Filter(self._interval, runtime.few(due.count * self.table.shape[1], KNOW))
+        self._launch(self.table, look, heard, own.state, own.derived, due.which, self._boats, form)
 
-        def kept(now: Tensor, begun: Tensor, before: Tensor) -> Tensor:
-            wide = (slice(None), slice(None), *(None,) * (now.dim() - 2))
-            return torch.where(on[wide], now, torch.where(fresh[wide], begun, before))
+    def suppose(self, deck: DeckMotion, to: Tensor, acceleration: Tensor, rates: Tensor) -> None:
+        """Know the `deck` exactly, `to` it, its acceleration, and the boat's rates (b), as if seen just now."""
+        c, s = deck.heading
+        for column, value in (
+            (TO, to), (VELOCITY, deck.velocity), (ACCELERATION, acceleration), (RATES, rates), (DOWN_AXIS, deck.down),
+            (ATTITUDE, torch_euler_from_rotation(deck.R)), (COS, torch.stack((c, s), dim=-1)),
+            (ABOVE, (to * deck.down).sum(-1, keepdim=True)),
+        ):  # fmt: skip
+            self.table[..., column : column + value.shape[-1]] = value
+        self.table[..., SEEN : HEARD + 1] = 0.0
 
-        self.to = kept(to, by_radio, self.to)
-        self.velocity = kept(v, v_radio, self.velocity)
-        self.acceleration = kept(a, acceleration, self.acceleration)
-        self.attitude = kept(attitude, attitude, self.attitude)
-        self.rates = kept(rates, rates, self.rates)
-        self.mean = kept(mean, self._level * v_radio, self.mean)
-        self._own = kept(own.velocity_n, own.velocity_n, self._own)
-        self._covariance = kept(P, self._begun.expand_as(P), self._covariance)
-        self.seen = kept(seen, torch.full_like(seen, 2 * BLIND), self.seen)
-        self.heard = kept(age, age, self.heard)
-        down = self.velocity[..., 2:3]
-        past = torch.cat((down, self.past[..., :-1]), dim=-1)
-        self.past = kept(past, down.expand_as(self.past), self.past)
+    @property
+    def to(self) -> Tensor:
+        """From the aircraft to the deck's middle [.., 3], NED, m."""
+        return self.table[..., TO : TO + 3]
 
-    @staticmethod
-    def _euler_rates(angles: Tensor, rates: Tensor) -> Tensor:
-        """Rates of roll, pitch and heading for small roll and pitch (rad/s)."""
-        (roll, pitch, _), (p, q, r) = angles.unbind(-1), rates.unbind(-1)
-        return torch.stack((p + r * pitch, q - r * roll, r + q * roll), dim=-1)
+    @property
+    def velocity(self) -> Tensor:
+        """Velocity of the deck's middle [.., 3], NED, m/s."""
+        return self.table[..., VELOCITY : VELOCITY + 3]
+
+    @property
+    def acceleration(self) -> Tensor:
+        """Acceleration of the deck's middle [.., 3], NED, m/s^2."""
+        return self.table[..., ACCELERATION : ACCELERATION + 3]
+
+    @property
+    def mean(self) -> Tensor:
+        """Mean velocity of the deck [.., 3], none down, NED, m/s."""
+        return self.table[..., AVERAGE : AVERAGE + 3]
+
+    @property
+    def attitude(self) -> Tensor:
+        """Roll, pitch and heading of the boat [.., 3] as last heard, gone on with, rad."""
+        return self.table[..., ATTITUDE : ATTITUDE + 3]
+
+    @property
+    def rates(self) -> Tensor:
+        """Rates of the boat [.., 3] as last heard, b, rad/s."""
+        return self.table[..., RATES : RATES + 3]
 
     @property
     def heading(self) -> tuple[Tensor, Tensor]:
         """Cosine and sine of the boat's heading."""
-        return self.attitude[..., HEADING].cos(), self.attitude[..., HEADING].sin()
+        return self.table[..., COS], self.table[..., SIN]
 
     @property
     def down(self) -> Tensor:
-        """Normal of the known deck, into it, [env, aircraft, 3] (NED)."""
-        (c, s), (roll, pitch, _) = self.heading, self.attitude.unbind(-1)
-        x, y = roll.cos() * pitch.sin(), -roll.sin()
-        return torch.stack((c * x - s * y, s * x + c * y, roll.cos() * pitch.cos()), dim=-1)
+        """Normal of the known deck, into it, [.., 3], NED."""
+        return self.table[..., DOWN_AXIS : DOWN_AXIS + 3]
+
+    @property
+    def above(self) -> Tensor:
+        """Height of the aircraft above the plane of the known deck, m."""
+        return self.table[..., ABOVE]
 
     @property
     def tilt(self) -> Tensor:
         """Angle between the deck's normal and the vertical, rad."""
-        return torch.hypot(self.attitude[..., ROLL], self.attitude[..., PITCH])
+        return torch.hypot(self.table[..., ATTITUDE + ROLL], self.table[..., ATTITUDE + PITCH])
 
+    @property
+    def seen(self) -> Tensor:
+        """Age of the last look that found the marker, s."""
+        return self.table[..., SEEN]
 
-def _corrected(x: Tensor, P: Tensor, row: Tensor, z: Tensor, variance: Tensor, where: Tensor) -> tuple[Tensor, Tensor]:
-    """Correct states and covariance by a measurement z [.., 3] = row . x of a given `variance`.
+    @property
+    def heard(self) -> Tensor:
+        """Age of the last message, s."""
+        return self.table[..., HEARD]
 
-    x [.., 3, 3] holds d, v - u and a of each direction; P [.., 3, 3] is their covariance. Nothing changes
-    except `where` (bool) there is a measurement.
-    """
-    across = (P @ row.unsqueeze(-1)).squeeze(-1)
-    gain = across / ((across * row).sum(-1) + variance).unsqueeze(-1)
-    gain = torch.where(where.unsqueeze(-1), gain, 0.0)
-    x = x + gain.unsqueeze(-1) * (z - (row.unsqueeze(-1) * x).sum(-2)).unsqueeze(-2)
-    return x, P - gain.unsqueeze(-1) * across.unsqueeze(-2)
+    @property
+    def past(self) -> Tensor:
+        """Vertical speed of the deck [.., n], n decisions back, m/s."""
+        return self.table[..., PAST:]

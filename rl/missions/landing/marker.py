@@ -12,7 +12,7 @@ camera's frame becomes a place by the aircraft's measured attitude, whose error 
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportInvalidTypeForm=false
+# pyright: reportInvalidTypeForm=false, reportAttributeAccessIssue=false, reportIndexIssue=false, reportOptionalCall=false
 
 import math
 from typing import NamedTuple
@@ -21,38 +21,80 @@ import taichi as ti
 from torch import Tensor
 
 from rl.missions.landing.config import MarkerConfig
+from rl.missions.landing.deck_motion import Decks
 from rl.perception.due import NOT_DUE, Due
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.abreast import put, taken
+from taichi_sim.kernels.conventions import BELOW
+from taichi_sim.kernels.packs import struct_of, values_at
 from taichi_sim.kernels.random import CAMERA, normal6, uniform4
-from taichi_sim.kernels.runtime import array3, whole1
+from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN, rotated, rotated_back
+from taichi_sim.kernels.runtime import array1, array3, whole1
+from taichi_sim.state.memory import Remembers
 
-DRAWN = 7  # numbers of a look: whether it is lost (uniform), six normal ones
-DRAW = 30.0  # ns of one aircraft, about
+LOOK = 60.0  # ns of one aircraft, about
+NEAREST = 1e-3  # m, least distance that the formulas take
+ALONG = 0.33  # share of the variance of the distance that each component of a place has; assumed
+
+
+class Look:
+    """Columns of a look: place of the marker from the aircraft (NED as the aircraft has it, m); variance of each
+    component (m^2), 0 where the marker was not found.
+    """
+
+    PLACE, VARIANCE, SIZE = 0, 3, 4
+
+
+class Camera(NamedTuple):
+    """A camera and its marker."""
+
+    axis_cos: float  # of the angle from straight down to its axis
+    axis_sin: float
+    half_cos: float  # of half the field of view
+    steep_cos: float  # of the steepest line of sight, from the deck's normal
+    nearest: float  # m
+    range: float  # m
+    loss: float
+    spray: float  # 1/m
+    pixel: float  # rad
+    size: float  # m
+    tilt: float  # rad, standard deviation of measured roll and pitch
 
 
 @ti.kernel
-def _draw(out: array3, which: whole1, draws: whole1, vehicles: ti.template(), serial: ti.template()):
+def _look(
+    seen: array3, state: array3, derived: array3, measured: array3, place: array3, boats: array3, hs: array1,
+    which: whole1, draws: whole1, camera: array1, kind: ti.template(), vehicles: ti.template(), serial: ti.template(),
+):  # fmt: skip
     ti.loop_config(serialize=serial)
-    for e, i in ti.ndrange(out.shape[0], out.shape[1]):
+    for e, i in ti.ndrange(seen.shape[0], seen.shape[1]):
         if which[e] != NOT_DUE:
+            c, b = values_at(kind, camera), i % place.shape[1]
             u = uniform4(draws[1], CAMERA, draws[2 + e], vehicles + i, draws[0])
             z = normal6(draws[1], CAMERA + 1, draws[2 + e], vehicles + i, draws[0])
-            out[e, i, 0] = u[0]
-            for k in ti.static(range(6)):
-                out[e, i, 1 + k] = z[k]
+            to = taken(place, e, b, 0, 3) - taken(state, e, i, 0, 3)
+            down = ti.Vector([boats[e, b, 3 * k + BELOW] for k in ti.static(range(3))])
+            r = ti.max(to.norm(), NEAREST)
+            line = to / r
+            ahead = derived[e, i, HEADING_COS] * line[0] + derived[e, i, HEADING_SIN] * line[1]
+            in_view = c.axis_cos * line[2] + c.axis_sin * ahead >= c.half_cos and line.dot(down) >= c.steep_cos
+            kept = u[0] >= ti.min(c.loss + c.spray * hs[e], 1.0)
+            across, along = r * c.pixel, r * r * c.pixel / c.size
+            error = across * ti.Vector([z[0], z[1], z[2]]) + along * z[3] * line
+            found = rotated(measured, e, i, rotated_back(derived, e, i, to + error))
+            variance = across * across + (r * c.tilt) ** 2 + ALONG * along * along + 1e-6
+            if not (in_view and kept and c.nearest <= r <= c.range):
+                variance = 0.0
+            put(seen, e, i, 0, [found[0], found[1], found[2], variance])
 
 
-class Look(NamedTuple):
-    """What the cameras see of their markers in one step, each [env, aircraft, ...]."""
+class Marker(Remembers):
+    """The cameras of one team.
 
-    found: Tensor  # bool
-    place: Tensor  # [.., 3] of the marker from the aircraft, NED as the aircraft has it, m
-    variance: Tensor  # of each component, m^2
-
-
-class Marker:
-    """The cameras of one team."""
+    Attributes:
+        seen: [env, aircraft, Look.SIZE] the last look.
+    """
 
     def __init__(self, config: MarkerConfig, own: Views, tilt_noise: float, vehicles: int):
         """Make the cameras of aircraft whose measured state is `own`.
@@ -60,29 +102,22 @@ class Marker:
         `tilt_noise` (rad) is the standard deviation of measured roll and pitch. `vehicles` numbers the first aircraft
         among the random numbers.
         """
-        self.config, self._own, self._vehicles, self._tilt = config, own, vehicles, tilt_noise
-        self._drawn = own.state.new_zeros((*own.state.shape[:2], DRAWN))
-        self._launch = runtime.Launcher(_draw)
+        axis, rad = math.radians(config.axis_deg), math.radians
+        camera = Camera(
+            math.cos(axis), math.sin(axis), config.cos_half, math.cos(rad(config.steepest_deg)), config.nearest,
+            config.range, config.loss, config.spray, rad(config.pixel_deg), config.size, tilt_noise,
+        )  # fmt: skip
+        self._own, self._vehicles, self._camera = own, vehicles, own.state.new_tensor(camera)
+        self.seen = self.remember(own.state.new_zeros((*own.state.shape[:2], Look.SIZE)))
+        self._launch = runtime.Launcher(_look)
 
-    def look(self, true: Views, to: Tensor, down: Tensor, hs: Tensor, due: Due) -> Look:
-        """Look from aircraft with the `true` state at markers `to` [env, aircraft, 3] (m, NED) away.
+    def look(self, true: Views, decks: Decks, hs: Tensor, due: Due) -> None:
+        """Look from aircraft with the `true` state at the middle of their decks, in the environments that are `due`.
 
-        down: [env, aircraft, 3] normals of the decks, into them. hs: [env] significant wave height, m.
+        Aircraft i has the deck of boat i, modulo their number. hs: [env] significant wave height, m.
         """
-        c = self.config
-        self._launch(self._drawn, due.which, due.draws, self._vehicles, runtime.few(due.count * to.shape[1], DRAW))
-        chance, across_error, along_error, _ = self._drawn.split((1, 3, 1, 2), dim=-1)
-        r = to.norm(dim=-1).clamp(min=1e-3)
-        line = to / r.unsqueeze(-1)
-        (cos, sin), axis, (north, east, below) = true.heading, math.radians(c.axis_deg), line.unbind(-1)
-        bore = below * math.cos(axis) + math.sin(axis) * (cos * north + sin * east)
-        square = (line * down).sum(-1) >= math.cos(math.radians(c.steepest_deg))
-        lost = chance.squeeze(-1) < (c.loss + c.spray * hs).clamp(max=1.0).unsqueeze(-1)
-        found = (bore >= c.cos_half) & square & (r <= c.range) & (r >= c.nearest) & ~lost
-        pixel = math.radians(c.pixel_deg)
-        across, along = r * pixel, r * r * (pixel / c.size)
-        error = across.unsqueeze(-1) * across_error + along.unsqueeze(-1) * along_error * line
-        in_b = (true.R_nb.mT @ (to + error).unsqueeze(-1)).squeeze(-1)
-        place = (self._own.R_nb @ in_b.unsqueeze(-1)).squeeze(-1)
-        variance = across.square() + (r * self._tilt).square() + 0.33 * along.square()
-        return Look(found, place, variance)
+        kind = struct_of(Camera._fields, runtime.current().precision)
+        self._launch.once(
+            self.seen, true.state, true.derived, self._own.derived, decks.deck.place, decks.fleet.derived, hs,
+            due.which, due.draws, self._camera, kind, self._vehicles, runtime.few(due.count * self.seen.shape[1], LOOK),
+        )  # fmt: skip

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from rl.mission import Frame, Histories, Mission
 from rl.missions.landing.aircraft import Aircraft, SensingAircraft
-from rl.missions.landing.boats import MESSAGE, Boats, Helm
+from rl.missions.landing.boats import Boats, Helm, Message
 from rl.missions.landing.config import LandingConfig, LandingScenario
 from rl.missions.landing.deck_steadying import BoatTeam
 from rl.missions.landing.film import overlays_of
@@ -143,7 +143,9 @@ class Landing(Mission[LandingScenario, BoatTeam | SensingAircraft]):
         self.boats = self.remember(Boats(fleets[parts.boats], self.steps, self.config, manned=self.manned))
         craft = self.boats.fleet.count + (fleets[parts.aircraft].count if parts.aircraft in names else 0)
         self._place = self.scratch(self.boats.fleet.state.new_zeros((self.num_envs, craft, 3)))
-        self.radio = self.remember(Radio(self.config.radio, self._place, self.config.decision_interval, width=MESSAGE))
+        self.radio = self.remember(
+            Radio(self.config.radio, self._place, self.config.decision_interval, width=Message.SIZE)
+        )
         self.aircraft, teams = None, {}
         if self.manned:
             teams[parts.boats] = BoatTeam(self, parts.boats, self.boats)

@@ -24,7 +24,7 @@ from rl.perception.radio import RadioConfig
 from taichi_sim.config import SeaConfig
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, BELOW, DOWN, POSITION, QUATERNION, STATE_SIZE, VELOCITY
-from taichi_sim.kernels.rotation import torch_euler_from_rotation, torch_rotation_matrix
+from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.models.contact.between_teams import Contacts, soles_in_deck
 from taichi_sim.state.memory import Remembers
 from taichi_sim.state.snapshot import transfer
@@ -139,10 +139,8 @@ class ImaginedAircraft(Aircraft):
         super().conclude(due)
         known, deck = self.known_deck, self.deck
         rows = self._ways.foreseen(0)[:, self.boat_of]
-        known.to, known.velocity = deck.place - self.fleet.position_n, deck.velocity
-        known.acceleration, known.rates = rows[..., STATE_SIZE:], rows[..., ANGULAR_VELOCITY]
-        known.attitude = torch_euler_from_rotation(deck.R)
-        known.seen, known.heard = torch.zeros_like(known.seen), torch.zeros_like(known.heard)
+        to = deck.place - self.fleet.position_n
+        known.suppose(deck, to, rows[..., STATE_SIZE:], rows[..., ANGULAR_VELOCITY])
 
     def planned(self, correction: Tensor, known: object = None) -> Tensor:
         """Actions for the pilot's command plus a `correction`, always within the pilot's limits (Aircraft.planned)."""
