@@ -30,6 +30,9 @@ WIDE = {"water": 4.0, "air": 1.6}  # tracks may lie one above the other
 SEA_COLOUR = "#DCEAF2"
 OBSTACLE_COLOUR = "#8C6D5A"
 NOT_MEASURED = "#C9CED3"
+SIDE = 0.3  # height of the side view over its width
+MARGIN, LEAST_HALF = 0.06, 50.0  # around what is shown, of its size; half the side of the least square, m
+DEEP = 0.2  # of the side view below the sea's level, over the greatest height
 VIEWS = (("from behind", 20.0, 205.0, 1.0), ("from the side", 14.0, 110.0, 1.0), ("from above", 80.0, 180.0, 0.95))
 """Title; the eye's elevation (deg) and bearing (deg, clockwise from the target's course); zoom."""
 INSTANTS = (0.3, 0.6, 0.9)  # share of the episode
@@ -53,8 +56,8 @@ def scene_figure(episode: Episode) -> Figure:
     """The tracks with the checkpoints and the obstacles, from above and from the side (paper, Fig. 2)."""
     scene = episode.scene
     figure = new_figure(9.0, 11.6, f"Tracks, checkpoints and obstacles: {episode.name}")
-    top, side = figure.subplots(2, 1, gridspec_kw={"height_ratios": [3.2, 1]})
-    half = _extent(episode)
+    top, side = figure.subplots(2, 1, gridspec_kw={"height_ratios": [1, SIDE]})
+    middle, half = _extent(episode)
     top.set_facecolor(SEA_COLOUR)
     for north, east, radius, _ in scene.obstacles:
         top.add_patch(Circle((east, north), radius, color=OBSTACLE_COLOUR, zorder=3))
@@ -74,25 +77,26 @@ def scene_figure(episode: Episode) -> Figure:
         top.text(east, north, str(number), ha="center", va="center_baseline", fontsize=7, zorder=7, color=INK)
     area = "" if scene.area_m is None else f"; the area is {scene.area_m:.0f} m square"
     dress(top, f"(a) from above{area}", "east (m)", "north (m)")
-    top.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
-    top.legend(loc="upper right", framealpha=0.95)
+    (south, west), (far_north, far_east) = middle - half, middle + half
+    top.set(xlim=(west, far_east), ylim=(south, far_north), box_aspect=1)
+    top.legend(loc="best", framealpha=0.95)
     _side_view(side, episode)
+    side.set(xlim=top.get_xlim(), box_aspect=SIDE)
     return figure
 
 
-def _extent(episode: Episode) -> float:
-    """Half the side of the square shown, m: what there is to see, within the area."""
+def _extent(episode: Episode) -> tuple[NDArray, float]:
+    """Middle (north, east) of the square shown, and half its side, m: what there is to see, with a margin."""
     scene = episode.scene
-    places = [
-        *(track[:, :2] for track in scene.tracks_n.values()), scene.checkpoints_n, scene.obstacles[:, :2],
-    ]  # fmt: skip
-    half = np.inf if scene.area_m is None else 0.5 * scene.area_m
-    return min(half, 1.12 * max(float(np.abs(part).max(initial=50.0)) for part in places))
+    tracks = (track[:, :2] for track in scene.tracks_n.values())
+    places = np.concatenate([*tracks, np.reshape(scene.checkpoints_n, (-1, 2)), scene.obstacles[:, :2]])
+    low, high = (places.min(0), places.max(0)) if len(places) else np.zeros((2, 2))
+    return 0.5 * (low + high), max(LEAST_HALF, (0.5 + MARGIN) * float((high - low).max()))
 
 
 def _side_view(axes: Axes, episode: Episode) -> None:
     """Heights against east, looking north."""
-    scene, half = episode.scene, _extent(episode)
+    scene = episode.scene
     for _, east, radius, height in scene.obstacles:
         axes.add_patch(Rectangle((east - radius, 0.0), 2 * radius, height, color=OBSTACLE_COLOUR, alpha=0.75, zorder=2))
     heights = [-track[:, DOWN].min() for track in scene.tracks_n.values()]
@@ -102,15 +106,15 @@ def _side_view(axes: Axes, episode: Episode) -> None:
         up = -down
         colour, style = rgb(episode.liveries[name].first), STYLE[episode.teams[name].medium]
         axes.plot(east, up, color=colour, linestyle=style, linewidth=2.2, zorder=4)
-        edge = int(np.argmax(east))
+        above = up.max() > 0.5 * ceiling
         axes.annotate(
             f"{name.upper()} track, {up.min():.0f} to {up.max():.0f} m" if np.ptp(up) > 1 else f"{name.upper()} track",
-            (east[edge], up[edge]), xytext=(0.99, (up[edge] + 0.2 * ceiling) / (1.45 * ceiling)),
-            textcoords="axes fraction", ha="right", color=colour, arrowprops={"arrowstyle": "->", "color": colour},
+            (0.5 * (east.min() + east.max()), up.max() if above else up.min()), xytext=(0, 6 if above else -6),
+            textcoords="offset points", ha="center", va="bottom" if above else "top", color=colour, zorder=5,
         )  # fmt: skip
-    axes.axhspan(-0.1 * ceiling, 0.0, color=SEA_COLOUR, zorder=1)  # pyright: ignore[reportArgumentType]
+    axes.axhspan(-DEEP * ceiling, 0.0, color=SEA_COLOUR, zorder=1)  # pyright: ignore[reportArgumentType]
     dress(axes, "(b) from the side, looking north (heights stretched)", "east (m)", "height (m)")
-    axes.set(xlim=(-half, half), ylim=(-0.1 * ceiling, 1.35 * ceiling))
+    axes.set(ylim=(-DEEP * ceiling, 1.25 * ceiling))
 
 
 def tracking_error_figure(episode: Episode, settle: float = 0.0) -> Figure:
