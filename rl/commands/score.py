@@ -28,6 +28,10 @@ def parser() -> argparse.ArgumentParser:
         metavar="[TEAM=]POLICY",
         help="a run's folder, pretrained, FILE.onnx or module:function; repeatable (default: pretrained)",
     )
+    p.add_argument(
+        "--controller", choices=("policy", "honest"), default="policy",
+        help="honest: a planner that knows what the vehicles know, in place of policies; an hour (docs/planning.md)",
+    )  # fmt: skip
     p.add_argument("--json", type=output, default=None, metavar="FILE", help="write all that a check needs to FILE")
     p.add_argument("--threads", type=shared.positive_int, default=0, help="CPU threads (default: all cores)")
     p.add_argument("--quiet", action="store_true", help="print the scores alone")
@@ -41,12 +45,18 @@ def main(argv: list[str] | None = None) -> None:
     from rl.commands import shared
     from rl.evaluation import benchmark
     from rl.learn.policy_sources import policies_from
-    from rl.runs.folder import describe_machine, write_json
+    from rl.planning.planner import HonestPlanner
+    from rl.runs.folder import RunError, describe_machine, write_json
     from rl.scenario import PRETRAINED
 
     task, config, levels = benchmark.open_task(args.task)
-    sources = args.policy or [PRETRAINED]
-    policies = policies_from(sources, config, task.teams)
+    if args.controller == "honest":
+        if args.policy:
+            raise RunError(f"--policy {args.policy[0]}: --controller honest controls: leave one of them out")
+        sources, policies = ["honest"], {team: HonestPlanner() for team in task.teams}
+    else:
+        sources = args.policy or [PRETRAINED]
+        policies = policies_from(sources, config, task.teams)
     shared.tell_unnamed(policies)
     shared.start(args)
     found = benchmark.score(task, config, levels, policies)
