@@ -59,7 +59,7 @@ def main(argv: list[str] | None = None) -> None:
         policies = policies_from(sources, config, task.teams)
     shared.tell_unnamed(policies)
     shared.start(args)
-    found = benchmark.score(task, config, levels, policies)
+    found = benchmark.score(task, config, levels, policies, show_progress=not args.quiet)
     for team, scored in found.items():
         text = benchmark.told(args.task, task, team, scored, levels[team].episodes)
         print(text.splitlines()[0] if args.quiet else text)

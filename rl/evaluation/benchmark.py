@@ -131,11 +131,12 @@ def open_task(name: str) -> tuple[Task, Scenario, dict[str, Bound]]:
 
 
 def score(
-    task: Task, config: Scenario, levels: Mapping[str, Bound], policies: Mapping[str, Policy]
-) -> dict[str, TeamScore]:
+    task: Task, config: Scenario, levels: Mapping[str, Bound], policies: Mapping[str, Policy],
+    *, show_progress: bool = False,
+) -> dict[str, TeamScore]:  # fmt: skip
     """The scores of policies, team -> policy: each team is judged by itself, on the episodes of its levels."""
     kind = mission_class(config, task.source).Judge
-    found = judge_on_bounds(levels, config, policies, task.source)
+    found = judge_on_bounds(levels, config, policies, task.source, show_progress=show_progress)
     return {team: team_score(task, kind, levels[team], learned) for team, learned in found.items()}
 
 

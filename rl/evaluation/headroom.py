@@ -64,14 +64,16 @@ def run_bound(
 
 
 def judge_on_bounds(
-    bounds: Mapping[str, Bound], config: Scenario, policies: Mapping[str, Policy], source: Path | None = None
-) -> dict[str, dict[str, Array]]:
+    bounds: Mapping[str, Bound], config: Scenario, policies: Mapping[str, Policy], source: Path | None = None,
+    *, show_progress: bool = False,
+) -> dict[str, dict[str, Array]]:  # fmt: skip
     """Run policies on the episodes of their teams' bounds: team -> numbers of each episode (Judge.episodes).
 
     Processes share the episodes: all of them must call this, and all but rank 0 get nothing.
     """
     teams = [team for team in policies if team in bounds]
-    outcomes = judge_trials([_trial(bounds[t], config, t, policies[t], source) for t in teams], show_progress=False)
+    trials = [_trial(bounds[t], config, t, policies[t], source) for t in teams]
+    outcomes = judge_trials(trials, show_progress=show_progress)
     found = {}
     for team, outcome in zip(teams, outcomes, strict=False):
         if isinstance(outcome, Exception):
