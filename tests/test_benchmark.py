@@ -2,14 +2,19 @@
 
 import json
 import math
+import os
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rl.commands import shared
+from taichi_sim.applications.trials.step import INTERVAL
 from taichi_sim.models.catalogue import MODELS
+from tools.benchmark import peer_lines
+from tools.benchmarking import peers
 from tools.benchmarking.mission import Stopwatch, scenario_cases
 from tools.benchmarking.physics import measured_vehicles, shipped_vehicles
 from tools.benchmarking.timing import Case, measure
@@ -90,7 +95,7 @@ def test_machine_and_peers_are_described(quick):
     assert machine["cpu"] and positive(machine["cores"]) and machine["threads"] == 1
     assert machine["python"] and machine["packages"]["taichi"]
     for peer in result["peers"]:
-        assert set(peer) == {"name", "version", "step", "steps_per_s"} and positive(peer["steps_per_s"])
+        assert positive(peer["step_s"]) and positive(peer["vehicle_seconds_per_s"])
     for slow, fast in result["method"]["spread"].values():
         assert slow <= 1 <= fast
 
@@ -100,6 +105,31 @@ def test_the_table_shows_every_group(quick):
     text = quick[0]
     for word in ("environment", "inference", "learning", "unity_boat", "sea phases", "resets", "peers", "slowest"):
         assert word in text
+
+
+def test_a_simulator_is_measured_at_the_step_of_1_percent(monkeypatch):
+    """A peer of Euler's method, whose error grows as the step: x' = u - x, u new at every command."""
+    asked, cores = peers.commands(6), os.sched_getaffinity(0)
+
+    def moved(dt: float):
+        x, found, steps = np.zeros(asked.shape[1:]), [], round(INTERVAL / dt)
+        for command in asked:
+            for _ in range(steps):
+                x = x + dt * (command - x)
+            found.append(np.pad(x, ((0, 0), (0, 3))))
+        return np.array(found)
+
+    peer = peers.Contestant("Euler", "1", moved, lambda step, seconds: 1000.0)
+    monkeypatch.setattr(peers, "RIVALS", ((lambda: peer, "unity_boat"),))
+    monkeypatch.setattr(peers, "ours", lambda vehicle: peer._replace(name=vehicle))
+    first, second = peers.measure_peers(seconds=0.0)
+    share = first["errors"][0.02] / first["errors"][0.01]
+    assert share == pytest.approx(2.0, abs=0.06)
+    step = first["step_s"]
+    assert first["errors"][0.02] * step / 0.02 == pytest.approx(0.01, rel=0.1)
+    assert first["vehicle_seconds_per_s"] == pytest.approx(1000.0 * step) == second["vehicle_seconds_per_s"]
+    assert os.sched_getaffinity(0) == cores
+    assert peer_lines([first])[1].split()[:2] == ["Euler", "1"] and peer_lines([]) == ["peers: none installed"]
 
 
 def test_repetitions_of_cases_take_turns():

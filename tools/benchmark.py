@@ -71,6 +71,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--against", type=Path, metavar="CHECKOUT", help="measure another checkout in alternation, and print ratios"
     )
+    p.add_argument("--peers", action="store_true", help="compare with the simulators that are installed, alone")
     p.add_argument("--only", nargs="+", choices=GROUPS, default=GROUPS, help="groups to compare (default: all)")
     p.add_argument(
         "--repetitions",
@@ -104,7 +105,7 @@ def benchmark(config: FormationScenario, *, quick: bool, seconds: float, show_pr
         "parts": parts,
         "learning_parts": {"num_envs": learning_sizes[0], "seconds": learning["seconds"]} | learning["parts"],
         "picture_ms": measure_pictures(seconds=seconds, repetitions=repetitions),
-        "peers": measure_peers(seconds=seconds, repetitions=repetitions),
+        "peers": measure_peers(seconds=seconds, show_progress=show_progress),
         "machine": describe_machine(),
         "method": {
             "scenario": config.name,
@@ -180,9 +181,18 @@ def table(result: dict[str, Any]) -> str:
     lines += ["", f"one iteration of learning, {size:,} environments, one process: {1000 * seconds:.1f} ms"]
     lines += [f"  {part:20}{1000 * s:10.3f} ms{100 * s / seconds:7.1f} %" for part, s in taken.items()]
     lines += ["", *(f"a picture of {name}, 640x480: {ms:.1f} ms" for name, ms in result["picture_ms"].items())]
-    lines += ["", "peers: " + ("" if result["peers"] else "none installed")]
-    lines += [f"  {p['name']} {p['version']}: {p['steps_per_s']:,.0f} steps/s ({p['step']})" for p in result["peers"]]
-    return "\n".join(lines)
+    return "\n".join([*lines, "", *peer_lines(result["peers"])])
+
+
+def peer_lines(records: list[dict[str, Any]]) -> list[str]:
+    """The comparison with peers as readable lines."""
+    if not records:
+        return ["peers: none installed"]
+    return ["peers and ours, each at the step (s) at which its motion errs by 1 %, one core"] + [
+        f"  {p['name'] + ' ' + p['version']:44}{p['step_s']:8.4f} s{p['steps_per_s']:14,.0f} steps/s"
+        f"{p['vehicle_seconds_per_s']:12,.0f} vehicle-seconds/s"
+        for p in records
+    ]
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -222,6 +232,10 @@ def alone(args: argparse.Namespace, seconds: float) -> dict[str, Any]:
     """Measure this checkout and print the figures."""
     config = load_scenario("paper", QUICK if args.quick else ())
     shared.start(args)
+    if args.peers:
+        records = measure_peers(seconds=seconds, show_progress=not args.quiet)
+        print("\n".join(peer_lines(records)))
+        return {"peers": records}
     result = benchmark(config, quick=args.quick, seconds=seconds, show_progress=not args.quiet)
     print(table(result))
     return result

@@ -7,8 +7,9 @@ standard deviation; the error of the motion is the root mean square of the six.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -44,6 +45,7 @@ class StepSetting:
     envs: int = 16  # realisations of the sea, the turbulence and the actions, side by side
     seed: int = 1
     changes: Changes = field(default_factory=dict)  # of the vehicle file
+    calm: bool = False  # neither waves nor wind
 
 
 class StepError(NamedTuple):
@@ -73,7 +75,7 @@ def motion(setting: StepSetting, dt: float) -> Array:
         ConfigError: for a vehicle that cannot be used, or a step that it refuses.
     """
     model = load_vehicle(setting.vehicle, dt, round(INTERVAL / dt), **setting.changes)
-    sea, air = surroundings_of(model)
+    sea, air = (None, None) if setting.calm else surroundings_of(model)
     bench = Bench(model, sea=sea, air=air, envs=setting.envs, seed=setting.seed)
     draw, flies = np.random.default_rng(setting.seed), model.medium == "air"
     ahead = model.limits.speeds[1] if flies else 0.0
@@ -93,15 +95,24 @@ def errors(setting: StepSetting, steps: Sequence[float], fine: float) -> list[St
     Raises:
         ConfigError: for a vehicle that cannot be used, or one that does not move.
     """
-    exact = motion(setting, fine)
+    return errors_of(partial(motion, setting), steps, fine, setting.vehicle)
+
+
+def errors_of(moved: Callable[[float], Array], steps: Sequence[float], fine: float, name: str) -> list[StepError]:
+    """Errors of any simulator, whose `motion` with a step (s) is `moved`; see `errors`.
+
+    Raises:
+        TrialError: if what is `name`d does not move.
+    """
+    exact = moved(fine)
     deviation = exact[..., :6].std(axis=(0, 1))
     lively = deviation > LIVELY
     if not lively.any():
-        raise TrialError(f"{setting.vehicle}: it does not move under random actions, so no step has an error")
+        raise TrialError(f"{name}: it does not move under random actions, so no step has an error")
     found = []
     for dt in steps:
         try:
-            off = motion(setting, dt) - exact
+            off = moved(dt) - exact
         except ConfigError:
             continue
         parts = np.zeros(6)
