@@ -69,19 +69,25 @@ def on_bounds(run: Path, args: argparse.Namespace) -> dict[str, tuple[Any, Any]]
 
 
 def headroom_table(taken: dict[tuple[str, str], tuple[Any, list[Any]]], kinds: dict[str, Any]) -> str:
-    """Markdown: classical, learned, oracle, and the share of the headroom that learning takes, for each team."""
+    """Markdown: classical, learned, oracle, and the share of the headroom that learning takes, for each team.
+
+    Of the figure that a task of the benchmark judges, it is the score.
+    """
+    from rl.evaluation.benchmark import read_tasks
     from rl.evaluation.headroom import headroom
     from rl.evaluation.intervals import intervals
 
     lines = []
     for (name, team), (bound, rows) in taken.items():
         judge, learned = kinds[name], joined(rows)
+        scored = [task.figure for task in read_tasks().values() if task.scenario == name and team in task.teams]
+        keys = tuple(dict.fromkeys((*scored, *judge.plotted)))
         if not lines:
-            heads = [f"{key}: classical / learned / oracle: headroom taken" for key in judge.plotted]
+            heads = [f"{key}: classical / learned / oracle: headroom taken" for key in keys]
             lines = [f"| {bound.episodes} episodes | {' | '.join(heads)} |", "|---" * (1 + len(heads)) + "|"]
         of_each = [intervals(judge, of) for of in (bound.classical, learned, bound.oracle)]
         share, cells = headroom(judge, learned, bound, times=len(rows)), []
-        for key in judge.plotted:
+        for key in keys:
             values = [of[key].value for of in of_each]
             text = " / ".join("-" if x is None else f"{x:.3g}" for x in values)
             if (s := share[key]).value is not None and s.low is not None and s.high is not None:
