@@ -189,11 +189,11 @@ class Sea:
             time: float64 [row], s.
             out: [row, component] to write to; None for a new tensor.
         """
+        launch, components = self._advance, self.num_components
         if out is None:
-            out = self.table.new_empty((env_sea.shape[0], self.num_components))
-        components = self.num_components
+            launch, out = self._advance.once, self.table.new_empty((env_sea.shape[0], components))
         serial = runtime.few(env_sea.shape[0], query_kernels.PHASE * components)
-        self._advance(out, self._omega64, self._phase64, env_sea, time, components, serial)
+        launch(out, self._omega64, self._phase64, env_sea, time, components, serial)
         return out
 
     def waves_at(self, time: float, sea: int = 0) -> np.ndarray:
