@@ -76,10 +76,12 @@ class Team(Remembers, Generic[M, S]):
     Attributes:
         mission: the mission. name: of the team. section: the team's section of the scenario. fleet: the vehicles.
         action, previous_action: [env, vehicle, action] of the last two steps, zero at the start of an episode.
+        ordered: velocity command [env, vehicle, axes] (NED, m/s) of the last `command`, where a policy corrects one.
     """
 
     logged: ClassVar[tuple[str, ...]] = ()
     meanings: ClassVar[Mapping[str, str]] = {}
+    ordered: Tensor | None = None
 
     def __init__(self, mission: M, name: str):
         """Make team `name` of a mission whose world exists."""

@@ -38,8 +38,6 @@ class ResidualTeam(Team):
 
     axes: of velocities, 2 of vessels or 3 of aircraft. radius: of a vehicle, m. known: the input of the controller; the
         gate uses its `sensor.obstacles`. layout, observations_now: see `Team`.
-
-    ordered: the corrected velocity command [env, vehicle, axes] (NED, m/s) of the last `command`; None before.
     """
 
     axes: int
@@ -50,7 +48,7 @@ class ResidualTeam(Team):
         """Make team `name`; its controller is made when it is first needed."""
         super().__init__(mission, name)
         self._wanted: Wanted | None = self.scratch(None)
-        self.ordered: Tensor | None = self.scratch(None)
+        self.ordered = self.scratch(None)
         self._shield: Shield | None = None
 
     @property

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from rl.adapters.pilot.autopilot_link import AUTOPILOT, Link
 from rl.adapters.pilot.laid_course import Chart
 from rl.guidance.controllers.vessel import shaft
-from rl.guidance.residual import CORRECTIONS, ResidualTeam
+from rl.guidance.residual import CORRECTIONS
 from rl.team import Team
 from taichi_sim.config import ConfigError
 from taichi_sim.models.uav.multirotor.controller import VELOCITY_ACTIONS
@@ -94,7 +94,7 @@ class Velocity:
 
     def of(self, team: Team, taken: torch.Tensor, chart: Chart) -> Array:
         """The velocity command as the policy has corrected it."""
-        assert isinstance(team, ResidualTeam) and team.ordered is not None, "a policy that corrects nothing"
+        assert team.ordered is not None, "a policy that corrects nothing"
         return chart.over_sea(team.ordered[0, :, :2].double().cpu().numpy())
 
     def give(self, link: Link, order: Array) -> None:
