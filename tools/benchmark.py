@@ -188,7 +188,7 @@ def peer_lines(records: list[dict[str, Any]]) -> list[str]:
     """The comparison with peers as readable lines."""
     if not records:
         return ["peers: none installed"]
-    return ["peers and ours, each at the step (s) at which its motion errs by 1 %, one core"] + [
+    return ["peers and ours, each at the step at which its motion errs by 1 % (nan: at none tried), one core"] + [
         f"  {p['name'] + ' ' + p['version']:44}{p['step_s']:8.4f} s{p['steps_per_s']:14,.0f} steps/s"
         f"{p['vehicle_seconds_per_s']:12,.0f} vehicle-seconds/s"
         for p in records

@@ -30,7 +30,7 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument(
         "--controller", choices=("policy", "honest"), default="policy",
-        help="honest: a planner that knows what the vehicles know, in place of policies; an hour (docs/planning.md)",
+        help="honest: a planner that knows what the vehicles know, in place of policies; minutes (docs/planning.md)",
     )  # fmt: skip
     p.add_argument("--json", type=output, default=None, metavar="FILE", help="write all that a check needs to FILE")
     p.add_argument("--threads", type=shared.positive_int, default=0, help="CPU threads (default: all cores)")

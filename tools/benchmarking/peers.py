@@ -5,10 +5,12 @@ shorter step of its own. What it gives is compared at the step at which its moti
 vehicle in a second of one core. Those that can step many vehicles at once step `MANY`.
 """
 
+import math
 import os
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import chdir, contextmanager
 from functools import partial
 from importlib import metadata
 from typing import Any, NamedTuple
@@ -239,7 +241,7 @@ def one_core() -> Iterator[None]:
 def measure_peers(*, seconds: float, show_progress: bool = False) -> list[dict[str, Any]]:
     """Compare the installed simulators with ours; return records for JSON."""
     pairs: list[Sequence[Contestant]] = []
-    with one_core():
+    with one_core(), tempfile.TemporaryDirectory() as folder, chdir(folder):  # MuJoCo writes a log where it runs
         for build, vehicle in RIVALS:
             try:
                 pairs.append((build(), ours(vehicle)))
@@ -250,7 +252,7 @@ def measure_peers(*, seconds: float, show_progress: bool = False) -> list[dict[s
         for one in tqdm(everybody, desc="peers", unit="simulator", disable=not show_progress):
             found = errors_of(one.motion, STEPS, FINE, one.name)
             step = step_for(found)
-            steps = one.rate(step, seconds)
+            steps = math.nan if math.isnan(step) else one.rate(step, seconds)
             records.append({
                 "name": one.name, "version": one.version, "step_s": step, "steps_per_s": steps,
                 "vehicle_seconds_per_s": step * steps, "errors": {e.dt: e.total for e in found},

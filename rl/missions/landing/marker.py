@@ -35,6 +35,7 @@ from taichi_sim.state.memory import Remembers
 
 LOOK = 60.0  # ns of one aircraft, about
 NEAREST = 1e-3  # m, least distance that the formulas take
+LEAST_VARIANCE = 1e-6  # m^2, so that an exact look has one, too
 ALONG = 0.33  # share of the variance of the distance that each component of a place has; assumed
 
 
@@ -83,7 +84,7 @@ def _look(
             across, along = r * c.pixel, r * r * c.pixel / c.size
             error = across * ti.Vector([z[0], z[1], z[2]]) + along * z[3] * line
             found = rotated(measured, e, i, rotated_back(derived, e, i, to + error))
-            variance = across * across + (r * c.tilt) ** 2 + ALONG * along * along + 1e-6
+            variance = across * across + (r * c.tilt) ** 2 + ALONG * along * along + LEAST_VARIANCE
             if not (in_view and kept and c.nearest <= r <= c.range):
                 variance = 0.0
             put(seen, e, i, 0, [found[0], found[1], found[2], variance])

@@ -76,7 +76,7 @@ class MultirotorTrim:
 
 
 @ti.func
-def balanced(craft: ti.template(), v_n, nose):
+def steady_flight(craft: ti.template(), v_n, nose):
     """Steady flight at v_n through the air (n, m/s) with the nose towards the level unit vector `nose`.
 
     Returns the body's down axis (n), the specific thrust (m/s^2, n), the moment of the thrusts (N m, b), the rotor
@@ -148,14 +148,14 @@ def solve(craft: ti.template(), air: array2, out: array2):
     for row in range(air.shape[0]):
         asked = taken2(air, row, 5)
         nose = ti.Vector([asked[3], asked[4], asked[0] * 0.0])
-        z, _, _, omega, left = balanced(craft, ti.Vector([asked[0], asked[1], asked[2]]), nose)
+        z, _, _, omega, left = steady_flight(craft, ti.Vector([asked[0], asked[1], asked[2]]), nose)
         out[row, PHI], out[row, THETA] = roll_and_pitch(z, nose)
         out[row, LEFT] = left
         for k in ti.static(range(len(craft.rotors))):
             out[row, SPEEDS + k] = omega[k]
 
 
-def _full(craft: MultirotorParams) -> tuple[float, float]:
+def _charged(craft: MultirotorParams) -> tuple[float, float]:
     """Charge (0 to 1) and voltage (V) of the battery at the beginning, zero without."""
     return (0.0, 0.0) if craft.battery is None else (craft.battery.charge, craft.battery.full)
 
@@ -176,7 +176,7 @@ def begin_flight(craft: ti.template(), state: array3, wind: array3, tilted: arra
         level = ti.sqrt(R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0])
         if level > LEVEL:
             nose[0], nose[1] = R[0, 0] / level, R[1, 0] / level
-        z, specific, moment, omega, _ = balanced(craft, v_n - air, nose)
+        z, specific, moment, omega, _ = steady_flight(craft, v_n - air, nose)
         x = ahead(z, nose)
         y_axis = cross(z, x)
         roll, pitch = roll_and_pitch(z, nose)
@@ -196,7 +196,7 @@ def begin_flight(craft: ti.template(), state: array3, wind: array3, tilted: arra
             aux[e, i, at.VELOCITY_WANTED + b], aux[e, i, at.VELOCITY_N + b] = v_n[b], v_n[b]
             aux[e, i, at.INTEGRALS + b] = turning[b]
             aux[e, i, at.INTEGRALS + 3 + b] = ti.static(GRAVITY if b == 2 else 0.0) - specific[b]
-        charge, voltage = ti.static(_full(craft))
+        charge, voltage = ti.static(_charged(craft))
         aux[e, i, at.CHARGE], aux[e, i, at.VOLTAGE] = charge, voltage
         for k in ti.static(range(len(craft.rotors))):
             speed = ti.min(omega[k], ti.static(craft.rotor.omega_max))
