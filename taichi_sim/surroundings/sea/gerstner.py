@@ -166,7 +166,8 @@ def invert_label(
 
     While the surface does not loop (sum k b < 1), the map from labels to points is the gradient of a convex function. A
     step that is short enough then always comes closer, so a step that does not is undone and halved. Seas converge to
-    rounding in 5 iterations; a single wave of k a = 0.99, nearly a cusp, needs all of them.
+    rounding in 5 iterations; a single wave of k a = 0.99, nearly a cusp, needs all of them. A step that rounding
+    swallows ends the search.
     """
     label, trial = ti.Vector([x, y]), ti.Vector([x, y])
     step = label * 0.0
@@ -183,6 +184,8 @@ def invert_label(
         else:
             step *= 0.5
         trial = label + step
+        if trial[0] == label[0] and trial[1] == label[1]:
+            break
     return label
 
 
