@@ -51,6 +51,11 @@ class Build(NamedTuple):
     width: int = 1  # number of vehicles that a loop takes at a time (abreast.py)
     serial: bool = False  # whether to run on the calling thread, because waking other threads would cost more
 
+    @property
+    def block(self) -> int:
+        """Turns of a vehicle loop that a thread takes at a time, some 10 us of work; on a GPU, of a block."""
+        return 128 if runtime.current().arch == "cuda" else 4
+
 
 @cache
 def struct_of(names: tuple[str, ...], precision: runtime.Precision) -> StructType:

@@ -131,6 +131,8 @@ def init(arch: str = "cpu", precision: Precision = "f32", threads: int = 0) -> R
                 cpu_max_num_threads=wanted.threads,
                 fast_math=True,
                 offline_cache=True,
+                make_cpu_multithreading_loop=False,  # which gives a loop of less than 1,024 turns to one thread
+                default_cpu_block_dim=BLOCK,
                 unrolling_limit=0,  # no warning of long unrolled loops: a hull of 500 panels takes 3 s to compile
                 log_level=ti.ERROR,
                 verbose=False,
@@ -296,6 +298,7 @@ def _end() -> None:
         shutil.rmtree(_own_cache, ignore_errors=True)
 
 
+BLOCK = 64  # turns of a loop that a thread takes at a time; vehicles' loops have fewer (packs.Build.block)
 WAKE_UP = 70e3  # ns; time of a launch to wake the threads and to wait for them
 
 

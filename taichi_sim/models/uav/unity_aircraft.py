@@ -185,7 +185,7 @@ class UnityAircraft(Aircraft):
 
     @ti.kernel
     def _step(self, fleet: FleetPack, build: ti.template()):
-        ti.loop_config(serialize=build.serial)
+        ti.loop_config(serialize=build.serial, block_dim=build.block)
         for g in range((fleet.state.shape[0] * fleet.state.shape[1] + build.width - 1) // build.width):
             e, i = group(build.width, g * build.width, fleet.state.shape[0], fleet.state.shape[1])
             y, command = taken(fleet.state, e, i, 0, 13), taken(fleet.action, e, i, 0, 3)

@@ -308,7 +308,7 @@ class Manoeuvring3dof(Vessel):
 
     @ti.kernel
     def _step(self, fleet: FleetPack, around: AroundPack, build: ti.template()):
-        ti.loop_config(serialize=build.serial)
+        ti.loop_config(serialize=build.serial, block_dim=build.block)
         for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
             y, memory = taken(fleet.state, e, i, 0, 13), taken(fleet.aux, e, i, 0, ti.static(len(AUX)))
             actions = taken(fleet.action, e, i, 0, ti.static(len(self.action_names)))

@@ -386,7 +386,7 @@ class Mmg3Dof(Vessel):
 
     @ti.kernel
     def _step(self, fleet: FleetPack, around: AroundPack, build: ti.template()):
-        ti.loop_config(serialize=build.serial)
+        ti.loop_config(serialize=build.serial, block_dim=build.block)
         for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
             y, memory = taken(fleet.state, e, i, 0, 13), taken(fleet.aux, e, i, 0, ti.static(len(AUX)))
             V_c, V_w = taken2(around.current, e, 2), taken2(around.wind, e, 2)

@@ -192,7 +192,7 @@ class UnityBoat(Vessel):
 
     @ti.kernel
     def _step(self, fleet: FleetPack, around: AroundPack, build: ti.template()):
-        ti.loop_config(serialize=build.serial)
+        ti.loop_config(serialize=build.serial, block_dim=build.block)
         for g in range((fleet.state.shape[0] * fleet.state.shape[1] + build.width - 1) // build.width):
             e, i = group(build.width, g * build.width, fleet.state.shape[0], fleet.state.shape[1])
             y, label = taken(fleet.state, e, i, 0, 13), taken(fleet.aux, e, i, 0, 4)

@@ -276,7 +276,7 @@ class FixedWing6DOF(Aircraft):
 
     @ti.kernel
     def _step(self, fleet: FleetPack, around: AroundPack, build: ti.template()):
-        ti.loop_config(serialize=build.serial)
+        ti.loop_config(serialize=build.serial, block_dim=build.block)
         for g in range((fleet.state.shape[0] * fleet.state.shape[1] + build.width - 1) // build.width):
             e, i = group(build.width, g * build.width, fleet.state.shape[0], fleet.state.shape[1])
             self.advance(own_numbers(self, build, fleet.numbers, e, i), build, fleet, around, e, i)

@@ -359,7 +359,7 @@ class Hull6Dof(Vessel):
 
     @ti.kernel
     def _step(self, fleet: FleetPack, around: AroundPack, tables: TablesPack, build: ti.template()):
-        ti.loop_config(serialize=build.serial)
+        ti.loop_config(serialize=build.serial, block_dim=build.block)
         for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
             self.advance(own_numbers(self, build, fleet.numbers, e, i), build, fleet, around, tables, e, i)
 
