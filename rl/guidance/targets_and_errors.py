@@ -353,28 +353,11 @@ def to_starboard(vector: Tensor) -> Tensor:
     return torch.stack((-east, north), dim=-1)
 
 
-def cross(a: Tensor, b: Tensor) -> Tensor:
-    """Cross product [..] of the level parts of `a` and `b` [.., 2 or more] (NED): above 0 where b is to starboard."""
-    return a[..., NORTH] * b[..., EAST] - a[..., EAST] * b[..., NORTH]
-
-
 def course_of(vector: Tensor) -> Tensor:
     """Course [..] (rad) of vectors [.., 2 or more] (NED)."""
     return torch.atan2(vector[..., EAST], vector[..., NORTH])
 
 
-def approach(error: Tensor, gain: float, acceleration: float) -> Tensor:
-    """Rate towards a zero of `error` that can still be stopped: min(gain |e|, sqrt(2 acceleration |e|))."""
-    size = error.abs()
-    return error.sign() * torch.minimum(gain * size, torch.sqrt(2 * acceleration * size))
-
-
 def wrap(angle: Tensor) -> Tensor:
     """`angle` (rad) in [-pi, pi)."""
     return torch.remainder(angle + torch.pi, 2 * torch.pi) - torch.pi
-
-
-def into(vector: Tensor, heading: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
-    """Parts of a `vector` [.., 2] (NED) along the nose and to starboard of it; `heading`: its cosine and sine."""
-    (c, s), (north, east) = heading, vector.unbind(-1)
-    return c * north + s * east, c * east - s * north

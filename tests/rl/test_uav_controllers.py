@@ -8,16 +8,12 @@ import pytest
 import torch
 from torch import Tensor
 
-from rl.guidance.controllers.fixed_wing_6dof import (
-    FixedWing6DofController,
-    FixedWing6DofGains,
-    FlightCommand,
-    velocity_through_air,
-)
+from rl.guidance.controllers.fixed_wing_6dof import FixedWing6DofController, FixedWing6DofGains, FlightCommand
 from rl.learn.policy import ClassicalPolicy
 from rl.mission import ControllerError
 from rl.missions import load_scenario
 from rl.missions.formation.mission import Formation
+from taichi_sim.models.uav.fixed_wing.fixed_wing_6dof import READINGS
 
 VEHICLES = Path(__file__).parents[2] / "configs" / "vehicles"
 STEADY = (
@@ -89,7 +85,9 @@ def test_aircraft_keep_their_slots_in_a_steady_wind_of_a_third_of_their_airspeed
     late, team = distance[-50:], task.teams["uav"]
     assert rms(late[..., 0]) < 0.5
     assert rms(late[..., 1:]) < 1.0
-    wind = team.fleet.velocity_n - velocity_through_air(team)
+    Va, alpha, beta = team.fleet.aux[..., READINGS : READINGS + 3].unbind(-1)
+    through_air = torch.stack((Va * beta.cos() * alpha.cos(), Va * beta.sin(), Va * beta.cos() * alpha.sin()), dim=-1)
+    wind = team.fleet.velocity_n - (team.fleet.R_nb @ through_air.unsqueeze(-1)).squeeze(-1)
     met = team.fleet.aux[..., team.fleet.model.aux_names.index("wind_north") :][..., :3]
     assert float(met.norm(dim=-1).min()) > 7.0
     torch.testing.assert_close(wind, met, atol=1e-3, rtol=0)
@@ -102,7 +100,7 @@ def test_a_faster_course_loop_turns_sooner_and_settles():
     turn = math.radians(8.0)  # to starboard; the largest bank is not reached
     c, s = math.cos(turn), math.sin(turn)
     way = torch.stack((c * start[..., 0] - s * start[..., 1], s * start[..., 0] + c * start[..., 1], nothing), dim=-1)
-    wanted = FlightCommand(way, (nothing, nothing), torch.ones_like(nothing, dtype=torch.bool))
+    wanted = FlightCommand(way, torch.zeros_like(way[..., :2]), torch.ones_like(way[..., :1]))
     saved, left = task.snapshot(), {}
     for gain in (1.0, 1.56):
         task.restore(saved)

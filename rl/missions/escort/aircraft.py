@@ -140,7 +140,8 @@ class EscortAircraft(ResidualTeam):
         own, model = super().make_controller(), self.fleet.model
         if own is not None or not isinstance(model, FixedWing6DOF):
             return own
-        return OrbitController(model, validate(OrbitGains, dict(self.section.control), f"{self.name}.control"))
+        gains = validate(OrbitGains, dict(self.section.control), f"{self.name}.control")
+        return OrbitController(model, self.orbit, gains)
 
     @property
     def sees(self) -> Tensor:

@@ -11,18 +11,19 @@ import math
 from typing import NamedTuple, Protocol, cast
 
 import taichi as ti
-import torch
 from torch import Tensor
 
 from rl.guidance.avoidance import SlotController
 from rl.guidance.controllers.fixed_wing_6dof import (
-    EVADING,
+    CHANGE,
     FixedWing6DofController,
     FixedWing6DofGains,
     FlightCommand,
     velocity_through_air,
 )
-from rl.guidance.knowledge import Knowledge
+from rl.guidance.controllers.laws import LAW, cross, limited
+from rl.guidance.knowledge import Knowledge, TeamKernel
+from rl.guidance.knowledge import KnownPack as TeamPack
 from rl.guidance.observations import (
     MEANINGS,
     RATE_SCALE,
@@ -35,7 +36,8 @@ from rl.guidance.observations import (
     put_squashed,
     squash,
 )
-from rl.guidance.targets_and_errors import COS, COURSE, EAST, NORTH, SIN, SPEED, cross, own_frame, to_starboard
+from rl.guidance.targets_and_errors import COS, COURSE, EAST, NORTH, SIN, SPEED, own_frame
+from rl.guidance.targets_and_errors import V as VELOCITY
 from rl.missions.escort.boats import AGE_SCALE, SIGMA_SCALE
 from rl.missions.escort.config import OrbitConfig
 from rl.missions.escort.host import Parts
@@ -48,6 +50,7 @@ from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import rotation, runtime
 from taichi_sim.kernels.abreast import taken, taken2
 from taichi_sim.kernels.conventions import DOWN, ROLL_RATE, SURGE
+from taichi_sim.kernels.packs import values_at
 from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
 from taichi_sim.models.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 
@@ -364,6 +367,36 @@ class OrbitGains(FixedWing6DofGains):
     field_radius: Positive = 1.0  # without effect; tuned scenarios may hold it
 
 
+@ti.kernel
+def _lead(
+    led: array3, gap_error: array2, height_error: array2, centre_velocity: array3, aux: array3, known: TeamPack,
+    kind: ti.template(), form: ti.template(),
+):  # fmt: skip
+    """Write the velocity [env, aircraft, 3] of the field, and its rate [.., 2]; see `OrbitController`."""
+    ti.loop_config(serialize=form.serial)
+    for e, i in ti.ndrange(led.shape[0], led.shape[1]):
+        g = values_at(kind, known.numbers)
+        faster = limited(g.phase_gain * g.circle * gap_error[e, i], -g.phase_speed, g.phase_speed)
+        airspeed = limited(g.cruise + faster, g.low, g.high)
+        x = taken(known.state, e, i, NORTH, 2) - taken(known.target, e, i, NORTH, 2)
+        r = ti.max(x.norm(), 1.0)
+        square = r * r + g.circle * g.circle
+        along = 2.0 * r * g.circle / square * g.sigma
+        out = ti.Vector([x[0] / r, x[1] / r])
+        tangent = ti.Vector([-out[1], out[0]])
+        d = (g.circle * g.circle - r * r) / square * out + along * tangent
+        air, moves = velocity_through_air(aux, known, e, i), taken(centre_velocity, e, i, NORTH, 2)
+        v = taken(known.derived, e, i, VELOCITY, 2)
+        against = ti.Vector([v[a] - air[a] - moves[a] for a in ti.static(range(2))])
+        across = cross(d, against)
+        through = ti.sqrt(ti.max(airspeed * airspeed - across * across, 0.0))
+        s = ti.max(against.dot(d) + through, LEAST_SHARE * airspeed)
+        rate = (v - moves).dot(tangent) / r + 2.0 * g.sigma * g.circle / square * (v - moves).dot(out)
+        led[e, i, NORTH], led[e, i, EAST] = moves[NORTH] + s * d[NORTH], moves[EAST] + s * d[EAST]
+        led[e, i, DOWN] = limited(g.k_height * height_error[e, i], -g.climb, g.climb)
+        led[e, i, CHANGE], led[e, i, CHANGE + 1] = -s * rate * d[EAST], s * rate * d[NORTH]
+
+
 class OrbitController(SlotController):
     """Controller of aircraft that circle a moving point: a Lyapunov guidance vector field in wind. It has no memory.
 
@@ -386,10 +419,18 @@ class OrbitController(SlotController):
     Gains = OrbitGains
     gains: OrbitGains
 
-    def __init__(self, model: FixedWing6DOF, gains: OrbitGains | None = None):
-        """Derive gains from those of the autopilot."""
+    def __init__(self, model: FixedWing6DOF, orbit: OrbitConfig, gains: OrbitGains | None = None):
+        """Fly the circle `orbit`, with gains that follow from those of the autopilot."""
         self.gains = gains or OrbitGains()
         self.flight = self.remember(FixedWing6DofController(model, self.gains))
+        limits = model.autopilot_limits
+        low, cruise, high = limits.speeds
+        numbers = {
+            "circle": orbit.radius, "sigma": orbit.turn, "low": low, "cruise": cruise, "high": high,
+            "phase_gain": self.gains.phase_gain, "phase_speed": self.gains.phase_speed, "climb": limits.climb,
+            "k_height": model.gains.height,
+        }  # fmt: skip
+        self._lead = TeamKernel(_lead, LAW, numbers)
 
     def act(self, team: Knowledge, wanted: FlightCommand) -> Tensor:
         """Actions [env, aircraft, action] in [-1, 1] that follow the command."""
@@ -398,31 +439,5 @@ class OrbitController(SlotController):
     def wanted(self, team: Knowledge) -> FlightCommand:
         """The velocity command of the field, its change, and whether it evades; `team` is a `CircleView`."""
         team = cast(CircleView, team)
-        loops, limits = self.flight.loops, self.flight.limits
-        v, air, R = team.fleet.velocity_n, velocity_through_air(team), team.orbit.radius
-        low, cruise, high = limits.speeds
-        faster = (self.gains.phase_gain * R * team.gap_error).clamp(-self.gains.phase_speed, self.gains.phase_speed)
-        airspeed = (cruise + faster).clamp(low, high)
-        x = team.fleet.position_n[..., :2] - team.centre
-        r = x.norm(dim=-1).clamp(min=1.0)
-        sigma, square = team.orbit.turn, r * r + R * R
-        out, along = -(r * r - R * R) / square, 2 * r * R / square * sigma
-        e = x / r.unsqueeze(-1)
-        e_theta = to_starboard(e)
-        d = out.unsqueeze(-1) * e + along.unsqueeze(-1) * e_theta
-        against = v[..., :2] - air[..., :2] - team.centre_velocity
-        ahead = (against * d).sum(-1)
-        across = cross(d, against)
-        through = (airspeed * airspeed - across * across).clamp(min=0.0).sqrt()
-        s = torch.maximum(ahead + through, LEAST_SHARE * airspeed)
-        down = (loops.height * team.height_error).clamp(-limits.climb, limits.climb)
-        level = team.centre_velocity + s.unsqueeze(-1) * d
-        direct = torch.cat((level, down.unsqueeze(-1)), dim=-1)
-        velocity = self.flight.avoid(team, direct)
-        moves = v[..., :2] - team.centre_velocity
-        turn = (moves * e_theta).sum(-1) / r + 2 * sigma * R / square * (moves * e).sum(-1)
-        change = (s * turn).unsqueeze(-1) * to_starboard(d)
-        speed = air[..., :2].norm(dim=-1).clamp(min=limits.floor)
-        nose = air[..., :2] / speed.unsqueeze(-1)
-        evading = (velocity - direct).norm(dim=-1) > EVADING
-        return FlightCommand(velocity, ((change * nose).sum(-1), cross(nose, change)), evading)
+        known = team.gap_error, team.height_error, team.centre_velocity, team.fleet.aux
+        return self.flight.evaded(team, self._lead(team, CHANGE + 2, *known))
