@@ -339,14 +339,6 @@ class Geometry(SlotErrors):
         self._launch(self._errors(), self._team(), due.which, form)
 
 
-def turning(target: Target, vector: Tensor) -> Tensor:
-    """Rate of change of a `vector` [env, vehicle, 2 or 3] that turns with the course of the target."""
-    rate = target.course_rate
-    change = torch.zeros_like(vector)
-    change[..., NORTH], change[..., EAST] = -rate * vector[..., EAST], rate * vector[..., NORTH]
-    return change
-
-
 def to_starboard(vector: Tensor) -> Tensor:
     """A level `vector` [.., 2] (NED), turned to starboard by a right angle."""
     north, east = vector.unbind(-1)

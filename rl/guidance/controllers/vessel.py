@@ -14,7 +14,7 @@ chi' = s (1 + lead) (chi* - chi). There is no lead where a yaw rate first pushes
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportInvalidTypeForm=false
+# pyright: reportInvalidTypeForm=false, reportOptionalCall=false
 
 import math
 from typing import NamedTuple
@@ -24,10 +24,10 @@ import torch
 from torch import Tensor
 
 from rl.guidance.avoidance import AvoidanceGains, Avoider, SlotController
-from rl.guidance.controllers.laws import LAW, approach, limited, push_of_waves, wrapped, yaw_rate
+from rl.guidance.controllers.laws import LAW, approach, limited, push_of_waves, swung, wrapped, yaw_rate
 from rl.guidance.controllers.sampled import decaying, place_poles
 from rl.guidance.knowledge import Knowledge, KnownPack, TeamKernel
-from rl.guidance.targets_and_errors import COURSE_RATE, row_of, to_starboard, turning
+from rl.guidance.targets_and_errors import COS, COURSE_RATE, ERROR, SLOT_VELOCITY, SPEED, row_of
 from rl.guidance.targets_and_errors import V as VELOCITY
 from rl.team import ControllerError
 from taichi_sim.config import NonNegative, Positive
@@ -54,6 +54,10 @@ COURSE_ERROR = 0.5  # sine of the course error: larger ones are turns; assumed
 DRIFT_SHARE = 0.2  # of the top speed, the greatest drift; assumed
 EVADING = 1e-3  # m/s: less of a change by avoidance is rounding
 NO_LIMIT = 1e6  # rad/s, of a vessel that nothing keeps from turning
+MOST = 1e6  # m/s: a greater drift is that of a state that is not finite
+SLOT, SHARE = 2, 4  # columns of what leads to the slots, behind the velocity
+CHANGE = 2  # column of a command, behind the velocity
+DRIFT, GIVEN, PLACE, MOVED = 0, 2, 4, 6  # columns of `Course.drift`
 
 
 class CourseGains(AvoidanceGains):
@@ -203,11 +207,97 @@ class CourseCommand(NamedTuple):
     change: Tensor  # v*', m/s^2
 
 
+@ti.func
+def formation_velocity(known: ti.template(), e, i, form: ti.template()):
+    """Velocity (m/s, NED) of slot i: about a leader that keeps to its own, or about the target."""
+    slot = taken(known.table, e, i, SLOT_VELOCITY, 2)
+    if ti.static(not form.about):
+        r = row_of(known.target, i)
+        about = (slot - taken(known.derived, e, 0, VELOCITY, 2)) * ti.min(i, 1)
+        slot = about + known.target[e, r, SPEED] * taken(known.target, e, r, COS, 2)
+    return slot
+
+
+@ti.func
+def fastest(slot, chase, top, form: ti.template()):
+    """Limit (m/s) of `chase`: its sum with the velocity of the slot stays below the `top` speed.
+
+    The sum is limited in any direction; for slots about a target, which may be far, in the chase's own direction
+    (constant bearing guidance: Breivik & Fossen 2009, Guidance laws for autonomous underwater vehicles, sec. 5.2).
+    """
+    limit = top - slot.norm()
+    if ti.static(form.about):
+        toward = slot.dot(chase) / ti.max(chase.norm(), 1e-6)
+        limit = ti.sqrt(ti.max(top * top - slot.dot(slot) + toward * toward, 0.0)) - toward
+    return limit
+
+
+@ti.kernel
+def _lead(
+    led: array3, drift: array3, steps: ti.types.ndarray(dtype=ti.i64, ndim=1), known: KnownPack, kind: ti.template(),
+    form: ti.template(),
+):  # fmt: skip
+    """Write the velocity that leads to the slots, theirs, and the share of k_e e in it [.., 5]; begin with `drift`."""
+    ti.loop_config(serialize=form.serial)
+    for e, i in ti.ndrange(led.shape[0], led.shape[1]):
+        g = values_at(kind, known.numbers)
+        fresh, moved = steps[e] == 0, 0
+        for a in ti.static(range(2)):
+            if drift[e, i, PLACE + a] != known.state[e, i, a]:
+                moved = 1
+            drift[e, i, PLACE + a] = known.state[e, i, a]
+            if fresh:
+                drift[e, i, DRIFT + a] = 0.0
+        drift[e, i, MOVED] = ti.select(fresh, 0, moved)
+        if fresh or moved == 1:  # or this is a second call at the same moment
+            for a in ti.static(range(2)):
+                drift[e, i, GIVEN + a] = drift[e, i, DRIFT + a]
+
+        slot = formation_velocity(known, e, i, form)
+        chase = g.k_e * taken(known.table, e, i, ERROR, 2)
+        limit = limited(fastest(slot, chase, g.top_speed, form), g.least_speed, g.closing)
+        share = ti.min(limit / ti.max(chase.norm(), 1e-6), 1.0)
+        for a in ti.static(range(2)):
+            led[e, i, a], led[e, i, SLOT + a] = slot[a] + share * chase[a], slot[a]
+        led[e, i, SHARE] = share
+
+
+@ti.kernel
+def _steer(
+    command: array3, evaded: array3, led: array3, drift: array3, known: KnownPack, kind: ti.template(),
+    form: ti.template(),
+):  # fmt: skip
+    """Write the command [env, vehicle, (v*, v*')] of a velocity that was led and `evaded`, and integrate the drift."""
+    ti.loop_config(serialize=form.serial)
+    for e, i in ti.ndrange(command.shape[0], command.shape[1]):
+        g = values_at(kind, known.numbers)
+        slot, share, v = taken(led, e, i, SLOT, 2), led[e, i, SHARE], taken(known.derived, e, i, VELOCITY, 2)
+        error, wanted = taken(known.table, e, i, ERROR, 2), taken(evaded, e, i, NORTH, 2)
+        able = share >= 1.0 and (wanted - taken(led, e, i, NORTH, 2)).norm() <= EVADING
+        turning = swung(slot, known.target[e, row_of(known.target, i), COURSE_RATE])
+        for a in ti.static(range(2)):
+            command[e, i, a] = wanted[a] + drift[e, i, GIVEN + a]
+            command[e, i, CHANGE + a] = turning[a] + ti.select(able, g.k_e * (slot[a] - v[a]), 0.0)
+
+        more, learns = g.k_i * g.interval * error, able and g.k_e * error.norm() < g.most_drift
+        if ti.static(form.about):
+            if share < 1.0:
+                speed = ti.max(wanted.norm(), 1e-6)
+                side = ti.Vector([-wanted[EAST] / speed, wanted[NORTH] / speed])
+                off = v.dot(side)
+                more = ti.static(-1.0 / COURSE_TIME) * g.interval * off * side
+                learns = ti.abs(off) < COURSE_ERROR * v.norm()
+        value = taken(drift, e, i, DRIFT, 2) + more
+        size = value.norm()
+        if learns and drift[e, i, MOVED] == 1 and size < MOST:
+            for a in ti.static(range(2)):
+                drift[e, i, DRIFT + a] = value[a] * ti.min(g.most_drift / ti.max(size, 1e-6), 1.0)
+
+
 class Course(Remembers):
     """Computes the loads for a team of one kind of vessel; its only state is the drift.
 
-    Over ground, with the error e = slot - position, the drift z (`Drift`), and evasion (../avoidance.py) of what is
-    near:
+    Over ground, with the error e = slot - position, the drift z, and evasion (../avoidance.py) of what is near:
 
         v* = v_s + sat(k_e e) + z,   v*' = chi' x v_s + k_e (v_s - v).
 
@@ -227,23 +317,36 @@ class Course(Remembers):
     along the nose. Only a turn can cancel the part to starboard, and a turn in every wave costs moment and thrust that
     steering needs: wave_share is small or 0. The heading is fed back and not the course over ground, which contains the
     sway in waves.
+
+    The drift compensates current, wind and sway. It is the integral of the position error in n, z' = k_i e: in n a
+    current is constant however the hull turns. Against wind-up it is limited, and held while the hull cannot follow its
+    command or is farther off than a drift explains. Far from a slot about a target, the course over ground is held
+    instead, by the integral of the velocity error to the side of the command: the integral action of line-of-sight
+    guidance (Børhaug, Pavlov & Pettersen 2008, IEEE CDC, eq. 7, in terms of velocities). An episode begins without a
+    drift.
+
+    Attributes:
+        drift: [env, vehicle, 7] z and the z of the last decision (m/s), the place of the vehicle then (m), and whether
+            it was another than the time before. None before the first decision.
     """
 
     def __init__(self, vessel: VesselDynamics, gains: CourseGains, interval: float):
         """Compute what follows from the `gains` for decisions every `interval` s."""
         self.gains = gains
         self.loops, self.avoid = loops(vessel, gains, interval), Avoider(gains)
-        self.drift = self.remember(Drift(self.loops.k_i, vessel.top_speed, interval))
-        self.top_speed, self.least_speed = gains.speed_share * vessel.top_speed, LEAST_SHARE * vessel.top_speed
+        self.drift: Tensor | None = self.remember(None)
+        top_speed = vessel.top_speed
         numbers = {
             "m11": vessel.m11, "m22": vessel.m22, "m33": vessel.m33, "sway_yaw": vessel.sway_yaw,
             "interval": interval, "k_u": self.loops.k_u, "k_psi": self.loops.k_psi, "k_r": self.loops.k_r,
-            "lead": self.loops.lead, "wave_share": gains.wave_share, "least_speed": self.least_speed,
+            "lead": self.loops.lead, "wave_share": gains.wave_share, "least_speed": LEAST_SHARE * top_speed,
             "top_rate": min(RATE_SHARE * vessel.top_rate, NO_LIMIT), "turn": vessel.moment / vessel.m33,
+            "k_e": self.loops.k_e, "k_i": self.loops.k_i, "top_speed": gains.speed_share * top_speed,
+            "closing": gains.closing_share * gains.speed_share * top_speed, "most_drift": DRIFT_SHARE * top_speed,
         }  # fmt: skip
         for axis in ("surge", "sway", "yaw"):
             numbers |= {f"{axis}_{x}": number for x, number in getattr(vessel, axis)._asdict().items()}
-        self._follow = TeamKernel(_follow, LAW, numbers)
+        self._lead, self._steer, self._follow = (TeamKernel(x, LAW, numbers) for x in (_lead, _steer, _follow))
 
     def load(self, team: Knowledge, wanted: CourseCommand) -> Load:
         """Loads that follow the command."""
@@ -251,94 +354,14 @@ class Course(Remembers):
 
     def wanted(self, team: Knowledge) -> CourseCommand:
         """The velocity command v*, and its rate of change v*', that lead the vessels to their slots."""
-        slot, error, v = formation_velocity(team), team.now.error[..., :2], team.fleet.velocity_n[..., :2]
-        chase = self.loops.k_e * error
-        limit = self._fastest(slot, chase, team.now.about).clamp(
-            self.least_speed, self.gains.closing_share * self.top_speed
-        )
-        share = (limit / chase.norm(dim=-1, keepdim=True).clamp(min=1e-6)).clamp(max=1.0)
-        direct, drift = slot + share * chase, self.drift.at(team.fleet.position_n[..., :2], team.steps == 0)
-        wanted = self.avoid(team, direct)  # without the drift, which is no motion over ground
-        evading = (wanted - direct).norm(dim=-1, keepdim=True) > EVADING
-        able = (share >= 1) & ~evading
-        self.drift.learn(error, able & (chase.norm(dim=-1, keepdim=True) < self.drift.most))
-        if team.now.about:
-            self.drift.correct(wanted, v, share < 1)
-        change = turning(team.target, slot) + torch.where(able, self.loops.k_e * (slot - v), 0.0)
-        return CourseCommand(wanted + drift, change)
-
-    def _fastest(self, slot: Tensor, chase: Tensor, about: bool) -> Tensor:
-        """Limit [env, vehicle, 1] (m/s) of the `chase`: its sum with the slot's velocity stays below the top speed.
-
-        The sum is limited in any direction; for slots `about` a target, which may be far, in the chase's own direction
-        (constant bearing guidance: Breivik & Fossen 2009, Guidance laws for autonomous underwater vehicles, sec. 5.2).
-        """
-        own = slot.norm(dim=-1, keepdim=True)
-        if not about:
-            return self.top_speed - own
-        toward = (slot * chase).sum(-1, keepdim=True) / chase.norm(dim=-1, keepdim=True).clamp(min=1e-6)
-        return (self.top_speed**2 - own * own + toward * toward).clamp(min=0.0).sqrt() - toward
-
-
-class Drift(Remembers):
-    """Drift of a team: a velocity, added to the desired one, that compensates current, wind and sway.
-
-    It is the integral of the position error in n, z' = k_i e: in n a current is constant however the hull turns.
-    Against wind-up it is limited, and held while the hull cannot follow its command or is farther off than a drift
-    explains. Far from a slot about a target, the course over ground is held instead, by the integral of the velocity
-    error to the side of the command: the integral action of line-of-sight guidance (Børhaug, Pavlov & Pettersen 2008,
-    IEEE CDC, eq. 7, in terms of velocities). An episode begins without a drift.
-    """
-
-    def __init__(self, k_i: float, top_speed: float, interval: float):
-        """`k_i` 1/s^2, `top_speed` m/s, `interval` s."""
-        self.interval, self.step, self.most = interval, k_i * interval, DRIFT_SHARE * top_speed
-        self.place: Tensor | None = self.remember(None)  # as the other states are before the first decision
-        self.moved: Tensor | None = self.remember(None)
-        self.value: Tensor | None = self.remember(None)
-        self.given: Tensor | None = self.remember(None)
-
-    def at(self, position: Tensor, begins: Tensor) -> Tensor:
-        """The drift (m/s) of vehicles at `position` (m), both [env, vehicle, 2]; 0 where an episode `begins` [env]."""
-        place, value, given = self.place, self.value, self.given
-        if place is None or value is None or given is None or place.shape != position.shape:
-            place, value = position, torch.zeros_like(position)
-            given = value
-        fresh = begins.view(-1, 1, 1)
-        self.value = torch.where(fresh, 0.0, value)
-        self.moved = ~fresh & (position != place).any(-1, keepdim=True)
-        self.given = torch.where(self.moved | fresh, self.value, given)  # or a second call at the same moment
-        self.place = position.clone()
-        return self.given
-
-    def learn(self, error: Tensor, able: Tensor) -> None:
-        """Integrate `error` [env, vehicle, 2] (m) of those that are `able` [env, vehicle, 1] to follow."""
-        self._add(self.step * error, able)
-
-    def correct(self, wanted: Tensor, velocity: Tensor, able: Tensor) -> None:
-        """Integrate the part of `velocity` across `wanted` (m/s), both [env, vehicle, 2], of those that are `able`."""
-        speed = wanted.norm(dim=-1, keepdim=True).clamp(min=1e-6)
-        side = to_starboard(wanted) / speed
-        off = (velocity * side).sum(-1, keepdim=True)
-        steady = off.abs() < COURSE_ERROR * velocity.norm(dim=-1, keepdim=True)
-        self._add(-self.interval / COURSE_TIME * off * side, able & steady)
-
-    def _add(self, change: Tensor, able: Tensor) -> None:
-        assert self.value is not None and self.moved is not None, "`at` comes first"
-        value = self.value + change
-        value = value * (self.most / value.norm(dim=-1, keepdim=True).clamp(min=1e-6)).clamp(max=1.0)
-        self.value = torch.where(able & self.moved & value.isfinite(), value, self.value)
-
-
-def formation_velocity(team: Knowledge) -> Tensor:
-    """Velocity [env, vehicle, 2] (m/s, NED) of slots: about a leader that keeps to its own, or about the target."""
-    if team.now.about:
-        return team.now.slot_velocity[..., :2]
-    target = team.target
-    leader = target.speed.unsqueeze(-1) * torch.stack((target.cos, target.sin), dim=-1)
-    about = team.now.slot_velocity[..., :2] - team.fleet.velocity_n[:, :1, :2]
-    about[:, 0] = 0.0
-    return leader + about
+        place = team.fleet.position_n[..., :2]
+        if self.drift is None or self.drift.shape[:2] != place.shape[:2]:
+            nothing = place.new_zeros((*place.shape[:2], PLACE))
+            self.drift = torch.cat((nothing, place, nothing[..., :1]), dim=-1)
+        led = self._lead(team, SHARE + 1, self.drift, team.steps)
+        evaded = self.avoid(team, led[..., :SLOT])  # without the drift, which is no motion over ground
+        command = self._steer(team, CHANGE + 2, evaded, led, self.drift)
+        return CourseCommand(command[..., :CHANGE], command[..., CHANGE:])
 
 
 class Hull6DofGains(CourseGains):
