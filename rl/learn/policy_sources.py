@@ -12,6 +12,7 @@ keeps no state: the same observations give the same actions, whatever stands in 
 
 import hashlib
 import json
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -225,9 +226,12 @@ def _from(source: str, config: Scenario, teams: Sequence[str], beside: Sequence[
     """The policies of one source for `teams`."""
     path = Path(source)
     if path.is_dir():
-        found = _of_run(path, config)
+        own = _scenario_of(path, config)
+        found = policies_of("policy", path, own) | given_policies(own)
+        _tell_vehicles(source, own, config, teams)
     elif source == PRETRAINED:
         found = shipped_policies(config.name)
+        _tell_vehicles(source, load_scenario(config.name), config, teams)
     else:
         if path.suffix != SUFFIX and not is_plugin(source):
             raise CheckpointError(f"{source}: no such policy: wanted is {KINDS}")
@@ -239,16 +243,28 @@ def _from(source: str, config: Scenario, teams: Sequence[str], beside: Sequence[
     return of_teams
 
 
-def _of_run(run: Path, config: Scenario) -> dict[str, Policy]:
-    """The policies of a run, whose networks its own scenario describes (`config` if this version cannot read it)."""
+def _scenario_of(run: Path, config: Scenario) -> Scenario:
+    """The scenario of a run, which describes its networks; `config` if this version cannot read it."""
     file = run / "config.toml"
     if not file.is_file():
         raise CheckpointError(f"{run}: not a run folder (no {file.name} in it)")
     try:
-        own = load_scenario(file)
+        return load_scenario(file)
     except ConfigError:
-        own = config
-    return policies_of("policy", run, own) | given_policies(own)
+        return config
+
+
+def _tell_vehicles(source: str, own: Scenario, config: Scenario, teams: Sequence[str]) -> None:
+    """Say on stderr which of `teams` have other vehicles in `config` than in the scenario of `source`."""
+    for team in teams:
+        if team in own.teams:
+            learned, here = (Path(teams[team].vehicle).stem for teams in (own.teams, config.teams))
+            if learned != here:
+                print(
+                    f"warning: {source}: the policy of {team} learned with {team}.vehicle = {learned!r}, and now acts "
+                    f"for {here!r}",
+                    file=sys.stderr,
+                )
 
 
 def given_policies(config: Scenario) -> dict[str, Policy]:

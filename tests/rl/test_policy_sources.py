@@ -61,6 +61,14 @@ def test_every_source_gives_the_policy_of_its_team(tmp_path, monkeypatch):
     assert type(policies_from([str(run)], config)["uav"]) is type(load_policy(run, config, "uav"))
 
 
+def test_another_vehicle_than_that_of_the_lessons_is_told(capsys):
+    policies_from([str(tiny_run())], load_config(tiny_run())[0])
+    assert "warning" not in capsys.readouterr().err
+    policies_from(["pretrained"], load_scenario("landing", ('uav.vehicle="x500"',)))
+    told = "pretrained: the policy of uav learned with uav.vehicle = 't650', and now acts for 'x500'"
+    assert told in capsys.readouterr().err
+
+
 def refused(source, match, *more: str, teams=("usv",)):
     with pytest.raises(CheckpointError, match=match):
         policies_from([source, *more], load_scenario("paper", TINY), teams)
