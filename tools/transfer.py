@@ -36,7 +36,7 @@ from rl.mission import Mission
 from taichi_sim.config import ConfigError
 from taichi_sim.config.plugins import load_class
 from taichi_sim.fleet import Fleet
-from taichi_sim.kernels.conventions import STATE_SIZE
+from taichi_sim.kernels.conventions import POSITION, STATE_SIZE
 from taichi_sim.surroundings.around_vehicles import Surroundings
 from tools.simulators import SIMULATORS, Array, Simulator
 
@@ -57,7 +57,9 @@ def in_place(mission: Mission, team: str, kind: type[Simulator], path: Path | No
         moved, rows = np.asarray(simulator.advance(fleet, around)), fleet.num_envs * fleet.count
         if moved.shape != (rows, STATE_SIZE):
             raise ConfigError(f"{kind.__name__}.advance gave {list(moved.shape)}, expected [{rows}, {STATE_SIZE}]")
-        fleet.state.copy_(torch.from_numpy(moved).view(fleet.state.shape))
+        given = torch.from_numpy(moved).view(fleet.state.shape)
+        fleet.state.copy_(given)
+        fleet.remainder.copy_(given[..., POSITION] - fleet.position_n)
         fleet.update()
 
     fleet.model.step = step

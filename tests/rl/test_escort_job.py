@@ -1,4 +1,4 @@
-"""The main job's own scenario, tiny, from training to recording and report; and what is measured of cooperation."""
+"""The escort, tiny, from training to recording and report; and what is measured of cooperation."""
 
 import json
 
@@ -13,9 +13,9 @@ TINY = (
 
 
 @pytest.mark.slow
-def test_the_main_job_trains_both_teams_and_shows_them(tmp_path):
+def test_a_run_trains_both_teams_and_shows_them(tmp_path):
     run = tmp_path / "run"
-    ending = command("rl.train", "--out", run, *sets(*TINY))
+    ending = command("rl.train", "--config", "escort", "--out", run, *sets(*TINY))
     assert ending.status == 0, ending.err
     assert "never" in ending.out and "camera" in ending.out
     summary = json.loads((run / "summary.json").read_text())
@@ -24,7 +24,7 @@ def test_the_main_job_trains_both_teams_and_shows_them(tmp_path):
     ]  # fmt: skip
     assert {p.name for p in (run / "usv").glob("model_*.pt")} >= {"model_2.pt", "model_4.pt"}
     assert {p.name for p in (run / "figures").iterdir()} == {
-        "scene.png", "approach.png", "reward.png", "policy_loss.png",
+        "scene.png", "approach.png", "reward.png", "policy_loss.png", "checkups.png",
     }  # fmt: skip
     assert "uav: 2 iterations" in (run / "report.html").read_text()
     assert (run / "episode.rrd").stat().st_size > 10_000

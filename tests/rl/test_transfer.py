@@ -32,12 +32,12 @@ class Disguise(simulators.Simulator):
 
     def advance(self, fleet, around):
         twin = Fleet("twin", self.model, fleet.num_envs, fleet.count)
-        for name in ("state", "aux", "action"):
+        for name in ("state", "remainder", "aux", "action"):
             getattr(twin, name).copy_(getattr(fleet, name))
         type(self.model).step(self.model, twin, around)
         fleet.aux.copy_(twin.aux)
         twin.velocity_b[..., 1] *= self.sway
-        return twin.state.double().view(-1, STATE_SIZE).numpy()
+        return simulators.exact_states(twin).numpy()
 
 
 class Slippery(Disguise):

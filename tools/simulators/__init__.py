@@ -63,6 +63,13 @@ class Simulator:
         raise NotImplementedError(f"{type(self).__name__} has no advance (tools/simulators/__init__.py)")
 
 
+def exact_states(fleet: Fleet) -> torch.Tensor:
+    """States [env * vehicle, 13] of `fleet` in float64, on the CPU; positions are the sum of all steps."""
+    state = fleet.state.to(torch.float64, copy=True)
+    state[..., POSITION] = fleet.position_exact
+    return state.cpu().view(-1, STATE_SIZE)
+
+
 class PythonVehicleSimulator(Simulator):
     """The Otter of T. I. Fossen's PythonVehicleSimulator (its class `otter`, MIT).
 
@@ -92,7 +99,7 @@ class PythonVehicleSimulator(Simulator):
         asked = fleet.state.new_empty((*fleet.state.shape[:2], 2))
         shaft_speeds(self.thrusters, fleet.pack, asked)
         command = asked.double().cpu().view(-1, 2).numpy()
-        state = fleet.state.double().cpu().view(-1, STATE_SIZE)
+        state = exact_states(fleet)
         euler = torch_euler_from_quaternion(state[:, QUATERNION])
         eta, nu = torch.cat((state[:, POSITION], euler), dim=1).numpy(), state[:, 7:].numpy().copy()
         shafts = fleet.aux[..., first : first + 2].double().reshape(-1, 2).cpu().numpy()
@@ -152,7 +159,7 @@ class RotorPy(Simulator):
         assert isinstance(model, Multirotor6DOF)
         rows, found = fleet.num_envs * fleet.count, np.empty((0, STATE_SIZE))
         wanted = fleet.state.new_empty((*fleet.state.shape[:2], model.count))
-        state = fleet.state.double().cpu().view(rows, STATE_SIZE).numpy().copy()
+        state = exact_states(fleet).numpy()
         omega = fleet.aux[..., self.speeds].double().cpu().reshape(rows, -1).numpy().copy()
         for _ in range(model.substeps):
             fleet.state.copy_(torch.from_numpy(state).view(fleet.state.shape))
@@ -286,7 +293,7 @@ class Crazyflow(Simulator):
         factor = float(np.ravel(sim.data.params.cmd_f_coef)[0])  # thrust over its command
         hover = model.p.physical.mass * GRAVITY / (model.count * model.p.rotor.k_f)  # speed squared
         wanted = fleet.state.new_empty((*fleet.state.shape[:2], 5))
-        state = fleet.state.double().cpu().view(rows, STATE_SIZE).numpy().copy()
+        state = exact_states(fleet).numpy()
         omega = fleet.aux[..., self.speeds].double().cpu().reshape(rows, -1).numpy()
         thrust = (omega**2).mean(axis=1) / hover * weight
         for _ in range(model.substeps):
