@@ -26,10 +26,10 @@ import taichi as ti
 from torch import Tensor
 
 from rl.perception.due import GOES_ON, NOT_DUE, Due
-from rl.perception.radio import NEVER, Message
+from rl.perception.radio import NEVER, Message, Radio, TalkPack, arrived, source
 from rl.perception.sightings import Sighting
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.runtime import array1, array3, array4, whole1
+from taichi_sim.kernels.runtime import array1, array4, whole1
 from taichi_sim.state.memory import Remembers
 
 # Columns of a track: place (m), velocity (m/s), covariance (place, both, velocity), age of its newest look (s; `NEVER`
@@ -58,7 +58,7 @@ class TrackNoise(NamedTuple):
 
 ASSUMED = TrackNoise()
 
-ChartPack = ti.types.argpack(tracks=array4, sightings=array4, said=array3, heard=array4, taken=array4, numbers=array1)
+ChartPack = ti.types.argpack(tracks=array4, sightings=array4, looked=array4, assumed=array1)
 
 
 @ti.func
@@ -90,50 +90,49 @@ def carried_on(t: ti.template(), dt, q):
 
 
 @ti.kernel
-def _keep(chart: ChartPack, which: whole1, serial: ti.template()):
-    ti.loop_config(serialize=serial)
+def _keep(
+    chart: ChartPack, radio: TalkPack, which: whole1, steps: ti.types.ndarray(dtype=ti.i64, ndim=1), form: ti.template()
+):
+    ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(chart.tracks.shape[0], chart.tracks.shape[1]):
         if which[e] != NOT_DUE:
-            dt, senders = chart.numbers[0], chart.heard.shape[2]
-            age = chart.said.shape[2]  # the column of a message's own age
+            dt, other, age = chart.assumed[0], source(radio, e, form), radio.heard.shape[3] - 1
+            now = ti.cast(steps[e], ti.i32) * dt  # since the episode began, s
             for k in range(chart.tracks.shape[2]):
-                q, speed = chart.numbers[2], chart.numbers[4]
-                if k == 0:
-                    q, speed = chart.numbers[1], chart.numbers[3]
-                t = ti.Vector([chart.tracks[e, i, k, c] for c in ti.static(range(TRACK))])
-                if which[e] == GOES_ON and t[AGE] < NEVER:
-                    carried_on(t, dt, q)
                 variance = chart.sightings[e, i, k, Sighting.VARIANCE]
-                if variance > 0:
-                    fold(
-                        t,
-                        chart.sightings[e, i, k, Sighting.NORTH],
-                        chart.sightings[e, i, k, Sighting.EAST],
-                        variance,
-                        0.0,
-                        speed,
-                    )
-                at = Message.SIZE + SightingReport.SIZE * k
-                for j in range(senders):
-                    then = chart.heard[e, i, j, at + SightingReport.AGE]  # when the message was sent
-                    if j != i and then >= 0:  # the sender has seen the object
-                        old = then + chart.heard[e, i, j, age]
-                        # `taken` is how long ago the last look that was taken of this sender was made
-                        last = chart.taken[e, i, j, k] + ti.select(which[e] == GOES_ON, dt, 0.0)
-                        if old < OLDEST and old < last - 0.5 * dt:
-                            last = old
+                known = which[e] == GOES_ON and chart.tracks[e, i, k, AGE] < NEVER
+                if known or variance > 0:
+                    t = ti.Vector([chart.tracks[e, i, k, c] for c in ti.static(range(TRACK))])
+                    first = ti.select(k == 0, 1, 2)
+                    if known:
+                        carried_on(t, dt, chart.assumed[first])
+                    if variance > 0:
+                        north, east = chart.sightings[e, i, k, Sighting.NORTH], chart.sightings[e, i, k, Sighting.EAST]
+                        fold(t, north, east, variance, 0.0, chart.assumed[first + 2])
+                    for c in ti.static(range(TRACK)):
+                        chart.tracks[e, i, k, c] = t[c]
+            for j in range(radio.said.shape[1]):
+                slot = arrived(radio, steps, e, i, j, form)
+                if j != i and slot >= 0:
+                    for k in range(chart.tracks.shape[2]):
+                        at = Message.SIZE + SightingReport.SIZE * k
+                        then = radio.sent[other, slot, j, at + SightingReport.AGE]  # when the message was sent
+                        old = then + radio.heard[e, i, j, age]
+                        if then >= 0 and old < OLDEST and now - old > chart.looked[e, i, j, k] + 0.5 * dt:
+                            chart.looked[e, i, j, k] = now - old  # the sender has seen the object anew
+                            t = ti.Vector([chart.tracks[e, i, k, c] for c in ti.static(range(TRACK))])
                             fold(
-                                t, chart.heard[e, i, j, at + SightingReport.NORTH],
-                                chart.heard[e, i, j, at + SightingReport.EAST],
-                                chart.heard[e, i, j, at + SightingReport.VARIANCE], old, speed,
+                                t, radio.sent[other, slot, j, at + SightingReport.NORTH],
+                                radio.sent[other, slot, j, at + SightingReport.EAST],
+                                radio.sent[other, slot, j, at + SightingReport.VARIANCE], old,
+                                chart.assumed[ti.select(k == 0, 3, 4)],
                             )  # fmt: skip
-                        chart.taken[e, i, j, k] = last
-                for c in ti.static(range(TRACK)):
-                    chart.tracks[e, i, k, c] = t[c]
+                            for c in ti.static(range(TRACK)):
+                                chart.tracks[e, i, k, c] = t[c]
 
 
 @ti.kernel
-def _say(chart: ChartPack, which: whole1, serial: ti.template()):
+def _say(chart: ChartPack, radio: TalkPack, which: whole1, serial: ti.template()):
     """Write the last sighting of every object into the next message."""
     ti.loop_config(serialize=serial)
     for e, i in ti.ndrange(chart.sightings.shape[0], chart.sightings.shape[1]):
@@ -142,10 +141,10 @@ def _say(chart: ChartPack, which: whole1, serial: ti.template()):
                 at = Message.SIZE + SightingReport.SIZE * k
                 if chart.sightings[e, i, k, Sighting.VARIANCE] > 0:
                     for c in ti.static(range(Sighting.SIZE)):
-                        chart.said[e, i, at + c] = chart.sightings[e, i, k, c]
-                    chart.said[e, i, at + SightingReport.AGE] = 0.0
-                elif chart.said[e, i, at + SightingReport.AGE] >= 0 and which[e] == GOES_ON:
-                    chart.said[e, i, at + SightingReport.AGE] += chart.numbers[0]
+                        radio.said[e, i, at + c] = chart.sightings[e, i, k, c]
+                    radio.said[e, i, at + SightingReport.AGE] = 0.0
+                elif radio.said[e, i, at + SightingReport.AGE] >= 0 and which[e] == GOES_ON:
+                    radio.said[e, i, at + SightingReport.AGE] += chart.assumed[0]
 
 
 class Chart(Remembers):
@@ -155,15 +154,16 @@ class Chart(Remembers):
         tracks: [env, vehicle, object, 9], columns as above.
     """
 
-    def __init__(self, sightings: Tensor, said: Tensor, heard: Tensor, interval: float, numbers: TrackNoise = ASSUMED):
-        """Make charts of `sightings` [env, vehicle, object, 3] (camera.py); see radio.py for `said` and `heard`."""
+    def __init__(self, sightings: Tensor, radio: Radio, interval: float, numbers: TrackNoise = ASSUMED):
+        """Make charts of `sightings` [env, vehicle, object, 3] (camera.py), and of those that come by `radio`."""
         envs, vehicles, objects, _ = sightings.shape
         self.tracks = self.remember(sightings.new_zeros((envs, vehicles, objects, TRACK)))
-        self._taken = self.remember(sightings.new_zeros((envs, vehicles, vehicles, objects)))
-        self._said = said
+        # when the newest look at an object was made that has been taken of a sender, s since the episode began
+        self._looked = self.remember(sightings.new_zeros((envs, vehicles, vehicles, objects)))
+        self._radio = radio
         self._chart = runtime.Packed(
-            ChartPack, tracks=self.tracks, sightings=sightings, said=said, heard=heard, taken=self._taken,
-            numbers=sightings.new_tensor([interval, *numbers]),
+            ChartPack, tracks=self.tracks, sightings=sightings, looked=self._looked,
+            assumed=sightings.new_tensor([interval, *numbers]),
         )  # fmt: skip
         self._rows = vehicles * vehicles * objects
         self._keep, self._say = runtime.Launcher(_keep), runtime.Launcher(_say)
@@ -172,16 +172,17 @@ class Chart(Remembers):
         """Clear all tracks in environments `envs` [n]."""
         self.tracks[envs] = 0.0
         self.tracks[envs, :, :, AGE] = NEVER
-        self._taken[envs] = NEVER
-        self._said[envs, :, Message.SIZE + SightingReport.AGE :: SightingReport.SIZE] = -1.0
+        self._looked[envs] = -NEVER
+        self._radio.said[envs, :, Message.SIZE + SightingReport.AGE :: SightingReport.SIZE] = -1.0
 
     def say(self, due: Due) -> None:
         """Write sightings into the next messages; call before `Radio.talk`."""
-        self._say(self._chart(), due.which, runtime.few(due.count * self._rows, KEEP))
+        self._say(self._chart(), self._radio.pack(), due.which, runtime.few(due.count * self._rows, KEEP))
 
     def keep(self, due: Due) -> None:
         """Update tracks by sightings and messages."""
-        self._keep(self._chart(), due.which, runtime.few(due.count * self._rows, KEEP))
+        form = self._radio.form._replace(serial=runtime.few(due.count * self._rows, KEEP))
+        self._keep(self._chart(), self._radio.pack(), due.which, due.steps, form)
 
 
 def width_of(objects: int) -> int:

@@ -2,8 +2,9 @@
 
 Every vehicle transmits a message `rate` times a second, in turn: place and velocity as it measures them, and what a
 mission adds. A message arrives after `delay` at each vehicle within `range`, and is lost with the probability `loss`,
-independently at each. Receivers keep it, with its age, until a newer one arrives. Some vehicles may relay: a message
-that did not arrive directly may arrive through one of them, over two such links, after twice the delay.
+independently at each. Receivers keep it, with its age, until a newer one arrives. What they do not keep of it they may
+read once, when it arrives, where it lies (`arrived`). Some vehicles may relay: a message that did not arrive directly
+may arrive through one of them, over two such links, after twice the delay.
 
 For experiments, vehicles may receive the messages of another environment, `shift` environments on.
 
@@ -70,12 +71,34 @@ class RadioForm(NamedTuple):
 
 
 @ti.func
+def source(radio: ti.template(), e, form: ti.template()):
+    """The environment whose messages are heard in environment e."""
+    other = e
+    if ti.static(form.shift != 0):
+        other = (e + ti.static(form.shift)) % radio.said.shape[0]
+    return other
+
+
+@ti.func
+def arrived(radio: ti.template(), steps: ti.template(), e, i, k, form: ti.template()):
+    """Slot of `sent` [source, slot, k] with the message that may have just arrived at vehicle i from k; -1: none has.
+
+    A message that arrives directly is told again where relays might have brought it.
+    """
+    age, step = radio.heard[e, i, k, radio.heard.shape[3] - 1], ti.cast(steps[source(radio, e, form)], ti.i32)
+    old, slot = ti.cast(ti.round(age / radio.numbers[0]), ti.i32), -1
+    if old <= step and (old == form.delay or (old == 2 * form.delay and old < form.slots)):
+        slot = (step - old) % ti.static(form.slots)
+    return slot
+
+
+@ti.func
 def hear(radio: ti.template(), e, i, other, k, slot, age):
     """Vehicle i receives the message of vehicle k of environment `other` in `slot`."""
-    width = radio.said.shape[2]
-    for a in range(width):
+    kept = radio.heard.shape[3] - 1
+    for a in range(kept):
         radio.heard[e, i, k, a] = radio.sent[other, slot, k, a]
-    radio.heard[e, i, k, width] = age
+    radio.heard[e, i, k, kept] = age
 
 
 @ti.func
@@ -107,10 +130,7 @@ def _receive(
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(radio.said.shape[0], radio.said.shape[1]):
         if which[e] != NOT_DUE:
-            n, age = radio.said.shape[1], radio.said.shape[2]
-            other = e
-            if ti.static(form.shift != 0):
-                other = (e + ti.static(form.shift)) % radio.said.shape[0]
+            n, age, other = radio.said.shape[1], radio.heard.shape[3] - 1, source(radio, e, form)
             step, seed, env = ti.cast(steps[other], ti.i32), draws[1], draws[2 + e]
             for k in range(n):
                 if which[e] == BEGINS:
@@ -144,7 +164,9 @@ class Radio(Remembers):
 
     Attributes:
         said: [env, vehicle, n] next message of each, to be written before `talk`: place and velocity (NED, m and m/s),
-            then what a mission adds. heard: [env, receiver, sender, n + 1] last message received, and its age (s).
+            then what a mission adds. heard: [env, receiver, sender, kept + 1] what is kept of the last message
+            received, and its age (s). sent: [env, slot, vehicle, n] messages on their way.
+        form, pack: arguments of kernels that read messages as they arrive (`arrived`).
     """
 
     def __init__(
@@ -154,6 +176,7 @@ class Radio(Remembers):
         interval: float,
         *,
         width: int = Message.SIZE,
+        kept: int | None = None,
         vehicles: int = 0,
         known: bool = True,
         relays: tuple[int, int] = (0, 0),
@@ -162,21 +185,22 @@ class Radio(Remembers):
         """Connect vehicles at `place` [env, vehicle, 3 or more] (m, read in place).
 
         Args:
-            interval: of a decision, s. width: n, numbers of a message. vehicles: of other teams before them, among
-                the random numbers. known: an episode begins with everybody heard, else nobody. relays: the first that
-                relay, and the first after them that does not. shift: environments on, whose messages are heard.
+            interval: of a decision, s. width: n, numbers of a message. kept: the first of them that receivers keep
+                (default: all). vehicles: of other teams before them, among the random numbers. known: an episode begins
+                with everybody heard, else nobody. relays: the first that relay, and the first after them that does not.
+                shift: environments on, whose messages are heard.
         """
         envs, n = place.shape[:2]
         delay, period = round(config.delay / interval), 1
         if config.rate is not None:
             period = max(1, round(1 / (config.rate * interval)))
-        self._form, self._each = RadioForm(delay, period, vehicles * MOST, known, relays, shift), n
+        self.form, self._each = RadioForm(delay, period, vehicles * MOST, known, relays, shift), n
         self._interval = interval
         self.said = self.remember(place.new_zeros((envs, n, width)))
-        self.heard = self.remember(place.new_zeros((envs, n, n, width + 1)))
-        self._sent = self.remember(place.new_zeros((envs, self._form.slots, n, width)))  # on its way
-        self._pack = runtime.Packed(
-            TalkPack, heard=self.heard, sent=self._sent, said=self.said,
+        self.heard = self.remember(place.new_zeros((envs, n, n, (width if kept is None else kept) + 1)))
+        self.sent = self.remember(place.new_zeros((envs, self.form.slots, n, width)))
+        self.pack = runtime.Packed(
+            TalkPack, heard=self.heard, sent=self.sent, said=self.said,
             place=place, numbers=place.new_tensor([interval, config.range, config.loss]),
         )  # fmt: skip
         self._send, self._receive = runtime.Launcher(_send), runtime.Launcher(_receive)
@@ -184,16 +208,16 @@ class Radio(Remembers):
     @property
     def delay(self) -> float:
         """Delay of a direct message, s, a whole number of decisions."""
-        return self._form.delay * self._interval
+        return self.form.delay * self._interval
 
     def due(self, step: int) -> NDArray[np.bool_]:
         """Whether a message is due [receiver, sender] after `step` decisions of an episode, unless it is lost."""
-        then = step - self._form.delay
-        sender = (then + np.arange(self._each)) % self._form.period == 0
+        then = step - self.form.delay
+        sender = (then + np.arange(self._each)) % self.form.period == 0
         return (then >= 0) & sender & ~np.eye(self._each, dtype=bool)
 
     def talk(self, due: Due) -> None:
         """Send and receive in the environments that are `due`."""
-        form = self._form._replace(serial=runtime.few(due.count * self._each**2, TALK))
-        self._send(self._pack(), due.which, due.steps, form)
-        self._receive(self._pack(), due.which, due.steps, due.draws, form)
+        form = self.form._replace(serial=runtime.few(due.count * self._each**2, TALK))
+        self._send(self.pack(), due.which, due.steps, form)
+        self._receive(self.pack(), due.which, due.steps, due.draws, form)

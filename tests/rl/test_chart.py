@@ -10,7 +10,7 @@ from phases import due
 
 from rl.perception.chart import AGE, ASSUMED, P_PP, P_VV, V_NORTH, Chart, TrackNoise, width_of
 from rl.perception.instruments import InstrumentsConfig
-from rl.perception.radio import NEVER, Radio, RadioConfig
+from rl.perception.radio import NEVER, Message, Radio, RadioConfig
 from rl.perception.sightings import UNSEEN, Camera, CameraConfig, Lookout, LookoutConfig, Sighting
 from taichi_sim.kernels.conventions import STATE_SIZE
 from taichi_sim.kernels.random import Noise
@@ -171,9 +171,16 @@ class Net:
         self.looks = torch.full((envs, lookers, things, 3), UNSEEN)
         shift, relays = radio.pop("shift", 0), radio.pop("relays", (0, 0))
         self.radio = Radio(
-            RadioConfig(**radio), place, DT, width=width_of(things), known=False, shift=shift, relays=relays
+            RadioConfig(**radio),
+            place,
+            DT,
+            width=width_of(things),
+            kept=Message.SIZE,
+            known=False,
+            shift=shift,
+            relays=relays,
         )
-        self.chart = Chart(self.looks, self.radio.said, self.radio.heard, DT, numbers)
+        self.chart = Chart(self.looks, self.radio, DT, numbers)
         self.place, self.step, self.envs = place, 0, envs
         self.chart.begin(torch.arange(envs))
         self.noise = Noise(envs, 3)

@@ -134,10 +134,10 @@ class SharedTracking(Remembers):
         if escort.relay and flying:
             relays = flying[0].first, flying[0].first + flying[0].count
         self.radio = self.remember(Radio(
-            radio, self.place, config.decision_interval, width=width_of(objects), known=False, relays=relays,
-            shift=1 if escort.reports == "others" else 0,
+            radio, self.place, config.decision_interval, width=width_of(objects), kept=Message.SIZE, known=False,
+            relays=relays, shift=1 if escort.reports == "others" else 0,
         ))  # fmt: skip
-        self.chart = self.remember(Chart(self.sightings, self.radio.said, self.radio.heard, config.decision_interval))
+        self.chart = self.remember(Chart(self.sightings, self.radio, config.decision_interval))
         self.targets = self.remember(state.new_zeros((envs, observers, TARGET_SIZE)))
         self.age, self.sigma, self._course, self._searching = (
             self.remember(state.new_zeros((envs, observers))) for _ in range(4)
