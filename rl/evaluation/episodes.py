@@ -82,7 +82,8 @@ def judge_episodes(
         ConfigError: if an episode is too short to measure anything.
     """
     trial = Trial(config, policies, episodes, seed, controller, source)
-    outcome = judge_trials([trial], show_progress=show_progress, excerpts=excerpts)[0]
+    with ranks.alone():
+        outcome = judge_trials([trial], show_progress=show_progress, excerpts=excerpts)[0]
     if isinstance(outcome, Exception):
         raise outcome
     return outcome

@@ -26,6 +26,7 @@ import torch.distributed as dist
 
 T = TypeVar("T")
 _wires: dict[int, Connection] = {}  # rank -> connection on this machine
+_alone = False  # whether this process works for itself
 PATIENCE = timedelta(hours=2)  # longest wait for another rank: rank 0 evaluates and draws alone
 
 
@@ -44,12 +45,23 @@ class Place(NamedTuple):
 
 
 def here() -> Place:
-    """Rank of this process, from torchrun's environment variables."""
-    count = int(os.environ.get("WORLD_SIZE", "1"))
+    """Rank of this process, from torchrun's environment variables; 0 of 1 within `alone`."""
+    count = 1 if _alone else int(os.environ.get("WORLD_SIZE", "1"))
     if count == 1:
         return Place(0, 1, 0, 1)
     names = ("RANK", "WORLD_SIZE", "LOCAL_RANK", "LOCAL_WORLD_SIZE")
     return Place(*(int(os.environ.get(name, "1" if name == "LOCAL_WORLD_SIZE" else "0")) for name in names))
+
+
+@contextlib.contextmanager
+def alone() -> Iterator[None]:
+    """Within this context, the process exchanges nothing with others: each may do other work."""
+    global _alone
+    before, _alone = _alone, True
+    try:
+        yield
+    finally:
+        _alone = before
 
 
 def engine() -> str | None:

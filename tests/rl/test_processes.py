@@ -17,6 +17,8 @@ import torch
 from command_line import ROOT, TEAMS, command, content, iterations, server, sets
 
 from rl.commands import shared
+from rl.evaluation.episodes import judge_episodes
+from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario
 from rl.runs import ranks, signals, torchrun
 from rl.runs.folder import RunError
@@ -118,6 +120,16 @@ def test_what_ranks_tell_each_other_and_what_one_raises_all_raise(count):
     same += [["wrong on 0"], ["wrong on 1", f"on rank 1 of {count}"]]
     assert first == [-(-5 // count), "from 0", [10 * rank for rank in range(count)], *same]
     assert others == [[-(-5 // count), "from 0", [], *same]] * (count - 1)
+
+
+def test_a_rank_that_judges_for_itself_waits_for_no_other(monkeypatch):
+    """Ranks of a sweep judge other cells at the same time; there is no other rank here to wait for."""
+    config = load_scenario("lanes", SMALL)
+    monkeypatch.setenv("WORLD_SIZE", "2")
+    monkeypatch.setenv("RANK", "1")
+    outcome = judge_episodes(config, {"usv": ClassicalPolicy()}, episodes=3, seed=5, show_progress=False)
+    assert {len(values) for values in outcome.episodes["usv"].values()} == {3}
+    assert ranks.here() == (1, 2, 0, 1)
 
 
 def test_how_many_processes_there_are(monkeypatch, capsys):

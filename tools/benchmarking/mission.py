@@ -224,14 +224,15 @@ def watch(task: Formation) -> Stopwatch:
     stopwatch = Stopwatch()
     stopwatch.watch(task.world.sea, "phases", "sea phases")
     stopwatch.watch(task.world, "_checked", "action checks")
-    stopwatch.watch(task.targets, "move", "targets")
-    stopwatch.watch(task, "_ended", "endings")
-    stopwatch.watch(task, "_paid", "rewards")
+    for targets in task.targets.values():
+        stopwatch.watch(targets, "move", "targets")
     for name, team in task.teams.items():
+        stopwatch.watch(team, "ended", "endings")
+        stopwatch.watch(team, "paid", "rewards")
         stopwatch.watch(team.fleet.model, "step", f"{name} kernel")
         stopwatch.watch(team.now, "measure", "geometry")
         stopwatch.watch(team.sensor, "look", "sensing")
-        stopwatch.watch(team, "observe", "observations")
+        stopwatch.watch(team, "observations_now", "observations")
     stopwatch.watch(task, "reset", "resets")
     return stopwatch
 
