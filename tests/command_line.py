@@ -45,6 +45,8 @@ TINY = (
     "track.worlds=4",
     "sea.realisations=4",
     "episode_duration=3",
+    "usv.plan.horizon=2",
+    "uav.plan.horizon=2",
     "evaluation.episodes=4",
     "evaluation.settle=1",
 )

@@ -165,7 +165,7 @@ bench.put()
 
 ASYNCHRONOUS = """
 import sys
-import gymnasium, taichi_sim
+import gymnasium, rl
 if __name__ == "__main__":
     envs = gymnasium.make_vec(
         "taichi_sim/UsvFormation-v0", num_envs=2, vectorization_mode="async", vector_kwargs={"context": sys.argv[1]},
