@@ -82,9 +82,15 @@ def in_kernels(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @in_kernels
+def is_whole(x: object) -> bool:
+    """Whether x is a vector of any size that is kept whole."""
+    return isinstance(x, Expr) and x.is_tensor() and whole()
+
+
+@in_kernels
 def is_laned(x: object) -> bool:
-    """Whether x is a whole vector."""
-    return isinstance(x, Expr) and x.is_tensor() and x.get_shape() == (WIDTH,) and whole()
+    """Whether x is a whole vector of lanes."""
+    return isinstance(x, Expr) and is_whole(x) and x.get_shape() == (WIDTH,)
 
 
 @in_kernels

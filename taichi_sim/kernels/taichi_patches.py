@@ -54,7 +54,7 @@ from taichi.lang.expr import Expr
 
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import AUGMENTED, Laned, entry
-from taichi_sim.kernels.lanes import is_laned
+from taichi_sim.kernels.lanes import is_laned, is_whole
 
 _with_carets, _assigned = ASTTransformerContext.get_pos_info, Expr._augassign
 _build_assign = ASTTransformer.build_Assign
@@ -136,9 +136,9 @@ def by_entries(plain: Callable[..., Any]) -> Callable[..., Any]:
         if vector is not None:
             each = range(len(vector.entries))
             return Laned([operation(function, of_python, *(entry(x, k) for x in args)) for k in each], vector.columns)
-        if function is core.expr_neg and is_laned(args[0]):
+        if function is core.expr_neg and is_whole(args[0]):
             return 0.0 - args[0]
-        if function is core.expr_abs and is_laned(args[0]):
+        if function is core.expr_abs and is_whole(args[0]):
             return ops.select(args[0] < 0.0, 0.0 - args[0], args[0])
         return plain(function, of_python, *args)
 
