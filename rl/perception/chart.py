@@ -57,6 +57,7 @@ class TrackNoise(NamedTuple):
 
 
 ASSUMED = TrackNoise()
+Q, SPREAD = 1, 3  # columns of `assumed`, behind the interval: of the first object, then of the others
 
 ChartPack = ti.types.argpack(tracks=array4, sightings=array4, looked=array4, assumed=array1)
 
@@ -103,12 +104,11 @@ def _keep(
                 known = which[e] == GOES_ON and chart.tracks[e, i, k, AGE] < NEVER
                 if known or variance > 0:
                     t = ti.Vector([chart.tracks[e, i, k, c] for c in ti.static(range(TRACK))])
-                    first = ti.select(k == 0, 1, 2)
                     if known:
-                        carried_on(t, dt, chart.assumed[first])
+                        carried_on(t, dt, chart.assumed[ti.select(k == 0, Q, Q + 1)])
                     if variance > 0:
                         north, east = chart.sightings[e, i, k, Sighting.NORTH], chart.sightings[e, i, k, Sighting.EAST]
-                        fold(t, north, east, variance, 0.0, chart.assumed[first + 2])
+                        fold(t, north, east, variance, 0.0, chart.assumed[ti.select(k == 0, SPREAD, SPREAD + 1)])
                     for c in ti.static(range(TRACK)):
                         chart.tracks[e, i, k, c] = t[c]
             for j in range(radio.said.shape[1]):
@@ -125,7 +125,7 @@ def _keep(
                                 t, radio.sent[other, slot, j, at + SightingReport.NORTH],
                                 radio.sent[other, slot, j, at + SightingReport.EAST],
                                 radio.sent[other, slot, j, at + SightingReport.VARIANCE], old,
-                                chart.assumed[ti.select(k == 0, 3, 4)],
+                                chart.assumed[ti.select(k == 0, SPREAD, SPREAD + 1)],
                             )  # fmt: skip
                             for c in ti.static(range(TRACK)):
                                 chart.tracks[e, i, k, c] = t[c]

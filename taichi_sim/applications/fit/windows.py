@@ -27,7 +27,8 @@ MIRRORED = 0.5  # rms deviation from the simulation of a log, mirrored, over tha
 TURNS = 0.02  # rad/s, least rms deviation of yaw rates for such a comparison
 MOVES = 0.3  # m, least way for such a comparison
 UNLIKE = 0.1  # rms deviation, over the motion itself, from which another meaning of the commands is looked for
-CLOSER = 0.6  # ratio of rms deviations below which it is the right one: of 160 sound logs the least is 0.64
+CLOSER = 0.75  # ratio of rms deviations of all logs below which it is the right one
+CLOSER_ONE = 0.6  # likewise of one log among others; of 160 sound logs the least is 0.64
 FARTHER = 30.0  # ratio of measured and simulated ways, or yaw rates, beyond which they are in other units
 
 
@@ -210,6 +211,7 @@ def check_against(simulator: WindowSimulator, logs: Sequence[Log], windows: Sequ
     begin = np.concatenate((state, across, *(start for _, _, start in meanings)))
     together = [*windows, *windows, *(w for _, meant, _ in meanings for w in meant)]
     found = simulator.run(together, np.zeros((len(together), len(simulator.keys))), np.zeros((len(together), 2)), begin)
+    squares = np.zeros(1 + len(meanings))  # of deviations from the commands and their other meanings, of all logs
     for number, log in enumerate(logs):
         mine = [k for k, w in enumerate(windows) if w.log == number]
         if not mine:
@@ -234,15 +236,24 @@ def check_against(simulator: WindowSimulator, logs: Sequence[Log], windows: Sequ
                            f"it {expected / len(mine):.2g} m: are north and east in m?")  # fmt: skip
         scale = [max(float(np.ptp(measured[..., c], axis=0).mean()), least)
                  for c, least in ((NORTH, MOVES), (EAST, MOVES), (YAW_RATE, TURNS))]  # fmt: skip
-        away, *meant = (
-            float(np.sqrt(np.mean(((found[:, first:][:, mine] - measured)[..., [NORTH, EAST, YAW_RATE]] / scale) ** 2)))
+        apart = [
+            float(np.mean(((found[:, first:][:, mine] - measured)[..., [NORTH, EAST, YAW_RATE]] / scale) ** 2))
             for first in (0, *range(2 * n, len(together), n))
-        )
-        best = int(np.argmin(meant))
-        if away > UNLIKE and meant[best] < CLOSER * away:
-            raise LogError(f"{log.name}: the vessel moves as if {meanings[best][0]}: it is "
-                           f"{away / meant[best]:.1f} times closer to that than to what the commands say. "
-                           "Leave out parts in which a current carries it against its commands")  # fmt: skip
+        ]
+        squares += len(mine) * np.array(apart)
+        _refuse_meaning(log.name, np.array(apart), CLOSER_ONE, meanings)
+    told = ", ".join(log.name for log in logs)
+    _refuse_meaning(told, squares / max(n, 1), CLOSER, meanings)
+
+
+def _refuse_meaning(who: str, squares: Array, closer: float, meanings: Sequence[tuple[str, object, object]]) -> None:
+    """Refuse logs whose commands mean something else: mean squares of deviations from them, then from each meaning."""
+    away, *meant = np.sqrt(squares)
+    best = int(np.argmin(meant))
+    if away > UNLIKE and meant[best] < closer * away:
+        raise LogError(f"{who}: the vessel moves as if {meanings[best][0]}: it is {away / meant[best]:.1f} times "
+                       "closer to that than to what the commands say. Leave out parts in which a current carries it "
+                       "against its commands")  # fmt: skip
 
 
 def _other_meanings(
