@@ -30,7 +30,8 @@ from taichi_sim.surroundings.around_vehicles import Surroundings
 from taichi_sim.surroundings.sea import Sea
 from taichi_sim.surroundings.sea.current import Current
 from taichi_sim.vehicle import Limits, Vehicle
-from taichi_sim.visualisation.recording import Episode, Recorder, write_recording
+from taichi_sim.visualisation.recording import Episode, Recorder
+from taichi_sim.visualisation.recording.rrd import write_recording
 from taichi_sim.world import Script, World, replay
 
 __version__: str

@@ -18,7 +18,8 @@ from rl.learn.progress import read_history, team_history
 from rl.mission import History
 from rl.missions.formation import figures
 from rl.missions.formation.figures import write_figures
-from taichi_sim.visualisation.recording import Episode, Event, Medium, Scene, TeamTrack, write_recording
+from taichi_sim.visualisation.recording import Episode, Event, Medium, Scene, TeamTrack
+from taichi_sim.visualisation.recording.rrd import write_recording
 from taichi_sim.visualisation.recording.sea_patch import OFF_CRESTS, SeaGrid
 
 RADIUS_M, AMPLITUDE_M, WAVENUMBER = 80.0, 0.4, 0.3

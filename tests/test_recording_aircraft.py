@@ -19,9 +19,10 @@ from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.models.catalogue import load_vehicle
 from taichi_sim.models.uav.aircraft import Aircraft
 from taichi_sim.models.usv.vessel_base import Vessel
-from taichi_sim.visualisation.recording import Airframe, Episode, write_recording
+from taichi_sim.visualisation.recording import Airframe, Episode
 from taichi_sim.visualisation.recording.arrows import metres_per_second_per_metre
 from taichi_sim.visualisation.recording.bodies import aircraft
+from taichi_sim.visualisation.recording.rrd import write_recording
 from taichi_sim.visualisation.recording.sea_patch import SeaGrid
 from taichi_sim.visualisation.recording.team_view import smooth_course
 

@@ -9,7 +9,7 @@ from recorded import assert_nothing_is_empty, entities
 from rerun.chunk import RrdReader
 from test_recording import column, make_episode, rows
 
-from taichi_sim.visualisation.recording import Episode, write_recording
+from taichi_sim.visualisation.recording import Episode
 from taichi_sim.visualisation.recording.overlays import (
     Arrows,
     Cylinders,
@@ -20,6 +20,7 @@ from taichi_sim.visualisation.recording.overlays import (
     Plot,
     Points,
 )
+from taichi_sim.visualisation.recording.rrd import write_recording
 from taichi_sim.visualisation.recording.static_scene import line_lift
 
 STEPS = 6

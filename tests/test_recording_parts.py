@@ -10,10 +10,10 @@ import rerun as rr
 from rerun.chunk import RrdReader
 from test_recording import make_episode
 
-from taichi_sim.visualisation.recording import Episode, Event, Force, write_recording
+from taichi_sim.visualisation.recording import Episode, Event, Force
 from taichi_sim.visualisation.recording.overlays import Ellipsoids, Lines, Plot
 from taichi_sim.visualisation.recording.rerun_stream import Stream
-from taichi_sim.visualisation.recording.rrd import draw
+from taichi_sim.visualisation.recording.rrd import draw, write_recording
 
 STEPS = 60
 LONGER = 1_000_000  # bytes of a file that do not grow with the episode: layout, bodies, index

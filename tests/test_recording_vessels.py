@@ -15,12 +15,13 @@ from rl.evaluation.record import events_of
 from rl.mission import Endings
 from taichi_sim.models.usv.hull.mesh import BoxHull, TwinPontoons, mesh
 from taichi_sim.vehicle import Vehicle
-from taichi_sim.visualisation.recording import Body, Episode, Force, Signal, write_recording
+from taichi_sim.visualisation.recording import Body, Episode, Force, Signal
 from taichi_sim.visualisation.recording.arrows import newtons_per_metre, round_scale
 from taichi_sim.visualisation.recording.bodies import above, below, body_mesh, lid, shell
 from taichi_sim.visualisation.recording.palette import ALARM, GOOD
 from taichi_sim.visualisation.recording.recorder import forces_of, signals_of
 from taichi_sim.visualisation.recording.rerun_stream import Stream
+from taichi_sim.visualisation.recording.rrd import write_recording
 from taichi_sim.visualisation.recording.sea_patch import ROUND_M, Cadence, SeaGrid, SeaPatch
 from taichi_sim.visualisation.recording.team_view import ABOVE_WATER, NEWEST, WAKE_OFF
 

@@ -11,9 +11,10 @@ from recorded import assert_nothing_is_empty, entities, parts
 from test_recording import column, make_episode
 
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler
-from taichi_sim.visualisation.recording import Recorder, TeamTrack, write_recording
+from taichi_sim.visualisation.recording import Recorder, TeamTrack
 from taichi_sim.visualisation.recording.blueprint import blueprint
 from taichi_sim.visualisation.recording.palette import FIRST, OTHERS, liveries
+from taichi_sim.visualisation.recording.rrd import write_recording
 from taichi_sim.visualisation.recording.sea_patch import patch_of
 from taichi_sim.world import World
 

@@ -24,7 +24,8 @@ def attributes():
     classes = {c: f"{c.__module__}.{c.__name__}" for _, m in modules for c in vars(m).values()
                if isinstance(c, type) and c.__module__.startswith("taichi.")}
     owners = modules + [(name, c) for c, name in classes.items()]
-    return {f"{n} {key}": value for n, owner in owners for key, value in vars(owner).items() if callable(value)}
+    return {f"{n} {key}": value for n, owner in owners for key, value in vars(owner).items()
+            if callable(value) or key == "textwrap"}
 
 
 before = attributes()

@@ -22,9 +22,10 @@ from rl.scenario import Scenario
 from taichi_sim.config.io import toml_text
 from taichi_sim.kernels import runtime
 from taichi_sim.vehicle import Vehicle
-from taichi_sim.visualisation.recording import Episode, Event, Recorder, Scene, write_recording
+from taichi_sim.visualisation.recording import Episode, Event, Recorder, Scene
 from taichi_sim.visualisation.recording.overlays import Note, Overlay
 from taichi_sim.visualisation.recording.ros import FJORD, Origin, check_bag, write_mcap, write_rosbag2
+from taichi_sim.visualisation.recording.rrd import write_recording
 
 Rows = Mapping[str, Mapping[str, np.ndarray]]
 """Team -> name -> values that a recording shows in one frame, besides the vehicles."""

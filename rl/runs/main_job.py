@@ -33,7 +33,7 @@ from taichi_sim.config import ConfigError
 from taichi_sim.config.arguments import ActionError
 from taichi_sim.kernels import runtime
 from taichi_sim.visualisation.film.files import write_film
-from taichi_sim.visualisation.recording import write_recording
+from taichi_sim.visualisation.recording.rrd import write_recording
 
 RECORDING, FIGURES = "episode.rrd", "figures"
 FILM_SIZE, FILM_FPS, FILM_S = (720, 450), 8.0, 10.0  # of the film: px, pictures/s, length in s

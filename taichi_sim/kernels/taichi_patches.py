@@ -11,7 +11,7 @@ runs); of a substep of one of 1,024 vehicles (best of eight times a hundred, two
 | what | without | with |
 |---|---|---|
 | FRONT END: `get_pos_info`, to read the kernels of the three | 6.1 s | 2.9 s |
-| `getsourcelines` | 3.5 s | 3.0 s |
+| `__call__`, `getsourcefile`, `textwrap`, to read the kernels of `cruise` (Zen 5) | 2.9 s | 2.1 s |
 | `_inside_class`, to import all packages | 2.8 s | 1.7 s |
 | `build_Assign`, to make a mission of `cruise` and step it, with an empty cache (three runs) | 39 s | 36 s |
 | WHOLE VECTORS: a substep of `otter`, 32 wave components | 2,920 ns | 770 ns |
@@ -20,11 +20,12 @@ runs); of a substep of one of 1,024 vehicles (best of eight times a hundred, two
 | of `unity_boat` | 230 ns | 145 ns |
 | of `unity_aircraft` | 88 ns | 52 ns |
 
-FRONT END. Taichi inlines every use of a function, and looks up its source each time; here it is kept. For each node it
-composes an error message with the node's source lines and carets, which is hardly ever printed; here carets are drawn
-for errors only. To learn whether a decorated function is in a class, Taichi goes through all imported modules; here it
-reads the line. `x = value` makes the variable x twice, and the compiler takes time by the square of the number of
-variables in a kernel; here it is made once.
+FRONT END. Taichi inlines every use of a function, and each time finds its source and unwraps its lines; here they are
+kept. For each node it composes an error message with the node's source lines and carets, which is hardly ever printed;
+here carets are drawn for errors only, and an error that Taichi's compiler finds later names the statement. To learn
+whether a decorated function is in a class, Taichi goes through all imported modules; here it reads the line. `x =
+value` makes the variable x twice, and the compiler takes time by the square of the number of variables in a kernel;
+here it is made once.
 
 WHOLE VECTORS. Taichi can keep a vector whole (`real_matrix_scalarize`), for lanes.py. It then cannot compile v += w, -v
 or abs(v).
@@ -42,14 +43,16 @@ Used as they are, but internal as well: what `runtime.Launcher` launches, packs 
 import ast
 import linecache
 import sys
+import textwrap
 from collections.abc import Callable
 from functools import cache
-from typing import Any, NamedTuple
+from types import SimpleNamespace
+from typing import Any, NamedTuple, cast
 
 from taichi._lib import core
 from taichi.lang import impl, kernel_impl, matrix, matrix_ops, ops
 from taichi.lang.ast.ast_transformer import ASTTransformer, build_stmt
-from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
+from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext, Builder
 from taichi.lang.expr import Expr
 
 from taichi_sim.kernels import runtime
@@ -57,6 +60,7 @@ from taichi_sim.kernels.abreast import AUGMENTED, Laned, entry
 from taichi_sim.kernels.lanes import is_laned, is_whole
 
 _with_carets, _assigned = ASTTransformerContext.get_pos_info, Expr._augassign
+_build = Builder.__call__
 _build_assign = ASTTransformer.build_Assign
 _expr_init, _make_matrix, _matmul = impl.expr_init, matrix.make_matrix, matrix_ops.matmul
 
@@ -73,6 +77,40 @@ def position(context: ASTTransformerContext, node: ast.expr | ast.stmt) -> str:
     if context.raised:
         return _with_carets(context, node)
     return f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {context.func.func.__name__}:\n'
+
+
+class _Raises:
+    """A builder of which every method raises `error`."""
+
+    def __init__(self, error: Exception):
+        self.error = error
+
+    def __getattr__(self, name: str) -> Callable[..., None]:
+        """Any method."""
+
+        def method(*_: object) -> None:
+            raise self.error
+
+        return method
+
+
+def build(self: Builder, context: ASTTransformerContext, node: ast.AST) -> Any:
+    """Build a node; the place of a statement is that of all its expressions, until an error is raised."""
+    method = getattr(self, f"build_{type(node).__name__}", None)
+    if method is None:
+        return _build(self, context, node)
+    try:
+        if not isinstance(node, ast.stmt):
+            return method(context, node)
+        with impl.get_runtime().src_info_guard(context.get_pos_info(node)):
+            return method(context, node)
+    except Exception as error:
+        return _build(cast(Builder, _Raises(error)), context, node)  # adds the place to the message
+
+
+def unwrapped(line: str, **_: int) -> str:
+    """A line of source as Taichi reads it."""
+    return line.expandtabs(4).rstrip()
 
 
 def assign(context: ASTTransformerContext, node: ast.Assign) -> None:
@@ -156,7 +194,10 @@ class Patch(NamedTuple):
 PATCHES = (
     # FRONT END
     Patch(ASTTransformerContext, "get_pos_info", position),
+    Patch(Builder, "__call__", build),
     Patch(kernel_impl, "getsourcelines", cache(kernel_impl.getsourcelines)),
+    Patch(kernel_impl, "getsourcefile", cache(kernel_impl.getsourcefile)),
+    Patch(kernel_impl, "textwrap", SimpleNamespace(fill=unwrapped, dedent=cache(textwrap.dedent))),
     Patch(kernel_impl, "_inside_class", inside_class),
     Patch(ASTTransformer, "build_Assign", staticmethod(assign)),
     # WHOLE VECTORS

@@ -23,9 +23,7 @@ from taichi_sim.visualisation.recording.episode import (
     TeamTrack,
 )
 from taichi_sim.visualisation.recording.recorder import Recorder
-from taichi_sim.visualisation.recording.rrd import write_recording
 
 __all__ = [
     "Airframe", "Body", "Episode", "Event", "Force", "Medium", "Recorder", "Scene", "Signal", "TeamTrack",
-    "write_recording",
 ]  # fmt: skip

@@ -26,7 +26,6 @@ from taichi_sim.visualisation.recording.episode import (
     TeamTrack,
 )
 from taichi_sim.visualisation.recording.overlays import Overlay
-from taichi_sim.visualisation.recording.rrd import write_recording
 from taichi_sim.world import World
 
 
@@ -209,6 +208,8 @@ class Recorder:
 
     def write(self, path: str | Path, **parts: Unpack[EpisodeParts]) -> Path:
         """Write `episode(**parts)` to an .rrd file; see write_recording."""
+        from taichi_sim.visualisation.recording.rrd import write_recording  # rerun takes a third of a second
+
         return write_recording(self.episode(**parts), Path(path))
 
 
