@@ -75,8 +75,8 @@ def draw_starts(
     # Drawn once: if they were drawn again with each place, shapes that seldom fit would be rare.
     formations = {t: draw_formations(config.formations[t], shape, generator) for t in models}
     missing = torch.ones(shape, dtype=torch.bool)
-    paces, wind = {team: config.pace(team) for team in models}, strongest_wind(config, config.track.flight_height)
-    fastest = {team: pace.speed + (wind if pace.over == "air" else 0.0) for team, pace in paces.items()}
+    wind = strongest_wind(config, config.track.flight_height)
+    fastest = {t: config.pace(t).speed if m.limits.stops else m.limits.speeds[1] + wind for t, m in models.items()}
     clear_of = config.track.flight_height - HEIGHT_BAND_M
     low = bool((obstacles[..., Cylinder.HEIGHT] <= clear_of + ROUNDING).all())  # nobody who flies can meet them
     met = {t: obstacles[:, :0] if low and model.medium == "air" else obstacles for t, model in models.items()}
@@ -88,8 +88,10 @@ def draw_starts(
             fresh[team], fits = _team_states(config, team, model, formations[team], place, met[team], generator)
             clear &= fits
             if not model.limits.stops:
-                clear &= _pass_clear(fresh[team], 2 * (model.collision_radius + MARGIN))
-                clear &= _free(fresh[team], met[team], fastest[team])
+                clear &= _pass_clear(fresh[team], fastest[team], 2 * (model.collision_radius + MARGIN))
+                clear &= ~_ahead(fresh[team], met[team], fastest[team]).flatten(2).any(-1)
+            if low and model.medium == "air" and obstacles.shape[1]:
+                fresh[team] = _above(fresh[team], obstacles, fastest[team], model.collision_radius + MARGIN)
         progress = torch.where(clear, drawn, progress)
         for team in models:
             states[team] = torch.where(clear[..., None, None], fresh[team], states[team])
@@ -185,17 +187,25 @@ def _way_clear(state: Tensor, obstacles: Tensor, margin: float) -> Tensor:
     return (apart > margin).flatten(2).all(-1)
 
 
-def _free(state: Tensor, obstacles: Tensor, speed: float) -> Tensor:
-    """Whether vehicles [world, start, vehicle, 13] of a `speed` are `FREE_TIME` from obstacles ahead [world, start]."""
+def _ahead(state: Tensor, obstacles: Tensor, speed: float) -> Tensor:
+    """Obstacles ahead of vehicles [world, start, vehicle, 13] within `FREE_TIME` at a `speed`: bool [.., obstacle]."""
     to, radius = obstacles[:, None, None, :, :2] - state[..., None, :2], obstacles[:, None, None, :, Cylinder.RADIUS]
     ahead = (to * _bow(state).unsqueeze(3)).sum(-1) > -radius
-    near = to.norm(dim=-1) - radius < FREE_TIME * speed
-    return ~(ahead & near).flatten(2).any(-1)
+    return ahead & (to.norm(dim=-1) - radius < FREE_TIME * speed)
 
 
-def _pass_clear(state: Tensor, apart: float) -> Tensor:
-    """Whether vehicles [.., vehicle, 13] that go straight on for `TURNING_TIME` stay `apart` (m) in plan view [..]."""
-    place, velocity = state[..., :2], state[..., SURGE, None] * _bow(state)
+def _above(state: Tensor, obstacles: Tensor, speed: float, margin: float) -> Tensor:
+    """Raise aircraft [world, start, vehicle, 13] to `margin` (m) above the obstacles ahead, if they are lower."""
+    tops = _ahead(state, obstacles, speed) * obstacles[:, None, None, :, Cylinder.HEIGHT]
+    state[..., DOWN] = torch.minimum(state[..., DOWN], -(tops + margin).amax(-1))
+    return state
+
+
+def _pass_clear(state: Tensor, speed: float, apart: float) -> Tensor:
+    """Whether vehicles [.., vehicle, 13] that go straight on for `TURNING_TIME` at a `speed` stay `apart` (m) in plan
+    view [..].
+    """
+    place, velocity = state[..., :2], speed * _bow(state)
     gap, rate = (x.unsqueeze(-2) - x.unsqueeze(-3) for x in (place, velocity))
     nearest = -(gap * rate).sum(-1, keepdim=True) / rate.square().sum(-1, keepdim=True).clamp(min=1e-9)
     distance = (gap + rate * nearest.clamp(0.0, TURNING_TIME)).norm(dim=-1)
