@@ -131,6 +131,7 @@ def test_who_drives_and_who_does_not():
         clock.now += 1.0
     assert last["timestamp"] == pytest.approx(9 / 400) and session.counts.restarts == 0
     assert len(session.counts.refused) == 5 and "(--instances 2" in [*session.counts.refused][-1]
+    assert "refused 4: 127.0.0.1" in session.state(1.0) and "refused" not in session.state(1.0)  # it is over
     assert second.step(_pwm(0))["timestamp"] == pytest.approx(1 / 400)  # the first one has gone: it was restarted
     assert session.counts.restarts == 1 and session.peer == OTHER_PORT and clock.now < 8.0
     assert session.receive(peer.packet(_pwm(0)), ME) is None
@@ -401,6 +402,7 @@ COPTER, WING, ROVER, SKID = (1000,) * 4, (1500, 1500, 1000, 1500), (1500, 0, 150
 @pytest.mark.parametrize(("vehicle", "changes", "own", "others"), [
     ("x500", {}, COPTER, {
         WING: "output 1 (rotor_1) is at 1500 us", ROVER: "output 2 (rotor_2) is not driven",
+        (0,) * 4: "needs FRAME_CLASS 1 (0 drives no rotor), SERVO1_FUNCTION 33 (rotor_1)",
         (1000,) * 6: "output 5 drives a rotor that is not there"}),
     ("aerosonde", {}, WING, {COPTER: "output 1 (aileron) is at 1000 us", ROVER: "SERVO4_FUNCTION 21 (rudder)"}),
     ("kvlcc2", {}, ROVER, {COPTER: "SERVO1_FUNCTION 26 (helm), SERVO3_FUNCTION 70 (ahead)"}),

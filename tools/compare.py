@@ -14,8 +14,6 @@ from typing import Any
 
 import numpy as np
 
-SHARES = ("collision_free_episodes", "success_rate")  # printed in %
-
 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
@@ -157,7 +155,7 @@ def cell(key: str, judge: Any, learned: Any, opponent: Any, times: int) -> str:
     one, other = intervals(judge, learned)[key].value, intervals(judge, opponent)[key].value
     if one is None or other is None:
         return "-"
-    if key in SHARES:
+    if key in judge.shares:
         middle, low, high = (100 * (x or 0.0) for x in differences(judge, learned, opponent, times)[key])
         return f"{100 * one:.1f} / {100 * other:.1f} %: {middle:+.1f} ({low:+.1f} to {high:+.1f})"
     middle, low, high = (x or 0.0 for x in ratios(judge, learned, opponent, times)[key])

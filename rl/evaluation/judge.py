@@ -67,7 +67,8 @@ class Judge(Generic[M, C]):
     """Measures one team through a chunk of episodes; a mission derives its own judge and adds figures.
 
     Class attributes: `definitions`, figure -> its definition, in the order in which they are printed; `plotted`, the
-    figures that sweeps and checkups plot; `goals`, the endings that are what a vehicle was to do.
+    figures that sweeps and checkups plot; `shares`, those between 0 and 1; `goals`, the endings that are what a vehicle
+    was to do.
     """
 
     definitions: ClassVar[dict[str, str]] = {
@@ -76,6 +77,7 @@ class Judge(Generic[M, C]):
         "success_rate": "fraction of episodes that ran their full time with no vehicle of the team ended",
     }
     plotted: ClassVar[tuple[str, ...]] = ("reward_per_step", "collision_free_episodes", "success_rate")
+    shares: ClassVar[tuple[str, ...]] = SHARES
     goals: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, mission: M, team: str):

@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 
-from rl.evaluation.intervals import differences, intervals, ratios
+from rl.evaluation.intervals import difference_of_shares, differences, intervals, ratios, wilson
 from rl.evaluation.judge import Judge
 from rl.missions.formation.judge import FormationJudge
 
 
 class Mean(Judge):
     """One figure, the mean of x."""
+
+    shares = ("mean",)
 
     @classmethod
     def pooled(cls, episodes):
@@ -55,6 +57,31 @@ def test_the_same_episodes_by_several_policies_are_no_more_episodes():
     once = differences(Mean, {"x": x}, {"x": 0.0 * x})["mean"]
     thrice = differences(Mean, {"x": np.tile(x, 3)}, {"x": np.zeros(900)}, times=3)["mean"]
     assert thrice == pytest.approx(once)
+
+
+@pytest.mark.parametrize(("hits", "of"), [(8, 8), (0, 8), (1, 1), (256, 256)])
+def test_a_share_of_all_or_none_says_how_few_the_episodes_were(hits, of):
+    """Wilson's interval of n of n reaches down to n / (n + z^2); a difference of two such shares has a width, too."""
+    x, edge = np.repeat([1.0, 0.0], [hits, of - hits]), of / (of + 1.959964**2)
+    low, high = (edge, 1.0) if hits else (0.0, 1 - edge)
+    assert intervals(Mean, {"x": x})["mean"] == pytest.approx((hits / of, low, high))
+    for times in (1, 3):  # more policies on the same episodes are no more episodes
+        both = [{"x": np.tile(x, times)}, {"x": np.tile(x, times)}]
+        assert differences(Mean, *both, times)["mean"] == pytest.approx((0.0, edge - 1, 1 - edge))
+        assert ratios(Mean, *both, times)["mean"] == ((1.0, None, None) if hits else (None, None, None))
+
+
+def test_intervals_of_shares_cover_the_truth_for_few_episodes():
+    """Of 20 episodes, 90 % under one controller and 80 % under another, which fails mostly in the same."""
+    generator, held = np.random.default_rng(6), np.zeros(2)
+    for _ in range(2000):
+        hard = generator.random(20)
+        also = np.where(generator.random(20) < 0.8, hard, generator.random(20))
+        one, other = (hard < 0.9).astype(float), (also < 0.8).astype(float)
+        _, low, high = wilson(one)
+        _, least, most = difference_of_shares(one, other)
+        held += (low <= 0.9 <= high, least <= 0.1 <= most)
+    assert ((held > 0.93 * 2000) & (held < 0.99 * 2000)).all(), held
 
 
 def test_pairs_are_of_the_same_episodes():

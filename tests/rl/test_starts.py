@@ -66,6 +66,7 @@ def test_no_episode_is_lost_before_its_controller_could_act(name):
         for _ in range(round(REACTION / config.decision_interval)):
             step = mission.step({team: policies[team](mission.teams[team]) for team in mission.teams})
             for team, ended in step.endings.items():
-                lost += [(team, why, first + env) for why in ended for env in ended[why].any(1).nonzero().flatten().tolist()]
+                for why, flag in ended.items():
+                    lost += [(team, why, first + env) for env in flag.any(1).nonzero().flatten().tolist()]
             mission.perceive()
     assert not lost, lost[:10]

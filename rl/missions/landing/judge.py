@@ -41,6 +41,7 @@ class Landings(Judged, Protocol):
 class LandingJudge(Judge[Landings, LandingScenario]):
     """Measures outcomes and touchdowns of aircraft [env, aircraft], and the motion of the boats' decks."""
 
+    shares = ("success_rate", *OUTCOMES[1:])
     goals = ("landed",)
     definitions = {
         "success_rate": "fraction of aircraft that landed: all soles on the deck for landing.stand without a break, "

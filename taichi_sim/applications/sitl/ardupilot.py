@@ -108,10 +108,10 @@ class Session(Generic[D]):
         """A status line: simulated time, frame counts, and the mean frame rate over the `seconds` since the start."""
         c, craft = self.counts, self.craft
         if self.last is None:
-            return f"waiting for ArduPilot{c.refusals}"
+            return f"waiting for ArduPilot{c.refusals()}"
         return (
             f"t {craft.time:.1f} s at {craft.rate} Hz, {c.frames} frames ({c.frames / seconds:.0f}/s), "
-            f"repeated {c.repeated}, lost {c.lost}, late {c.late}, restarts {c.restarts}{c.refusals}"
+            f"repeated {c.repeated}, lost {c.lost}, late {c.late}, restarts {c.restarts}{c.refusals()}"
         )
 
     def receive(self, data: bytes, sender: Address) -> bytes | None:

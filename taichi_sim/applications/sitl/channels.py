@@ -34,6 +34,8 @@ FUNCTIONS: Mapping[str, int] = {
     **{f"rotor_{k + 1}": (33 if k < 8 else 74) + k for k in range(MOST_ROTORS)},
 }  # fmt: skip
 """ArduPilot's SERVOn_FUNCTION of a control."""
+FRAMES: Mapping[int, int] = {4: 1, 6: 2, 8: 3, 12: 12}
+"""ArduCopter's FRAME_CLASS for a number of rotors; with 0 it drives none."""
 RESTS = 0.25, 0.5  # largest share of an output at rest: of throttles and rotors, of controls with a middle; assumed
 
 DIRECT: Mapping[type, Changes] = {
@@ -111,7 +113,7 @@ class Mixer:
         An autopilot sends no functions. At rest, controls with a middle are near it, throttles and rotors near zero.
         """
         known = {name: channel for name, channel in self.channels.items() if name in FUNCTIONS}
-        found: list[str] = []
+        found, frame = list[str](), ""
         for name, channel in known.items():
             width = pwm[abs(channel) - 1] if abs(channel) <= len(pwm) else 0
             if not width or abs(self.share(name, pwm)) > RESTS[name not in self.one_sided]:
@@ -121,9 +123,10 @@ class Mixer:
             taken = {abs(channel) for channel in self.channels.values()}
             more = [n for n, width in enumerate(pwm[:MOST_ROTORS], 1) if n not in taken and 0 < width <= idle]
             found += [f"output {n} drives a rotor that is not there" for n in more]
+            frame = f"FRAME_CLASS {FRAMES.get(len(known), 'of its rotors')} (0 drives no rotor), "
         if not found:
             return []
-        needed = ", ".join(
+        needed = frame + ", ".join(
             f"SERVO{abs(channel)}_FUNCTION {FUNCTIONS[name]} ({name})" for name, channel in known.items()
         )
         return [f"is driven by an autopilot of another vehicle, it seems: {'; '.join(found)}. This one needs {needed}"]

@@ -46,16 +46,18 @@ class Counts:
     resent: int = 0  # frames that were sent to PX4 again
     restarts: int = 0
     refused: dict[str, int] = field(default_factory=dict)  # reason -> number
+    told: dict[str, int] = field(default_factory=dict)  # of these, by the last status line
 
     def refuse(self, why: str) -> None:
         """Count a refusal by its reason `why`."""
         if why in self.refused or len(self.refused) < MOST_REASONS:
             self.refused[why] = self.refused.get(why, 0) + 1
 
-    @property
     def refusals(self) -> str:
-        """Refusals by reason, as the end of a status line."""
-        return "".join(f"; refused {n}: {why}" for why, n in self.refused.items())
+        """Refusals by reason, of those that have gone on since the last status line, as the end of one."""
+        goes_on = {why: n for why, n in self.refused.items() if n > self.told.get(why, 0)}
+        self.told = dict(self.refused)
+        return "".join(f"; refused {n}: {why}" for why, n in goes_on.items())
 
 
 class Craft(Driven):

@@ -122,10 +122,10 @@ class Px4Session:
         """A status line: simulated time, frame counts, and the mean frame rate over the `seconds` since the start."""
         c, craft = self.counts, self.craft
         if not self.connected:
-            return f"waiting for PX4{c.refusals}"
+            return f"waiting for PX4{c.refusals()}"
         return (
             f"t {craft.time:.1f} s, {c.frames} frames ({c.frames / seconds:.0f}/s), {c.waiting} before "
-            f"the first controls, sent again {c.resent}, late {c.late}, restarts {c.restarts}{c.refusals}"
+            f"the first controls, sent again {c.resent}, late {c.late}, restarts {c.restarts}{c.refusals()}"
         )
 
     def receive(self, data: bytes) -> None:
