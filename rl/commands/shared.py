@@ -205,7 +205,7 @@ def open_both(args: argparse.Namespace):
 
 
 def add_shown(parser: argparse.ArgumentParser) -> None:
-    """Add --worst and --median, which repeat an episode of the last evaluation."""
+    """Add --worst, --median and --episode, which repeat an episode of the last evaluation."""
     again = parser.add_mutually_exclusive_group()
     for name in ("worst", "median"):
         again.add_argument(
@@ -215,6 +215,13 @@ def add_shown(parser: argparse.ArgumentParser) -> None:
             const=name,
             help=f"repeat the {name} episode of the last evaluation (default out: RUN/{name}.rrd)",
         )
+    again.add_argument(
+        "--episode",
+        dest="shown",
+        type=int,
+        metavar="N",
+        help="repeat episode N of the last evaluation, from 0 (default out: RUN/episode-N.rrd)",
+    )
 
 
 def add_film(parser: argparse.ArgumentParser) -> None:
@@ -255,9 +262,9 @@ def picture_size(text: str) -> tuple[int, int]:
 
 
 def recall(args: argparse.Namespace) -> tuple[int, int] | None:
-    """Set the conditions of the evaluation that --worst or --median repeats.
+    """Set the conditions of the evaluation that --worst, --median or --episode repeats.
 
-    Returns the number of the episode and the number of all episodes; None without --worst or --median.
+    Returns the number of the episode and the number of all episodes; None without any of these.
 
     Raises:
         RunError: if there was no evaluation, or other conditions are given.
@@ -267,10 +274,11 @@ def recall(args: argparse.Namespace) -> tuple[int, int] | None:
 
     if args.shown is None:
         return None
+    asked = f"--{args.shown}" if isinstance(args.shown, str) else "--episode"
     if args.policy or not is_run(args.run):
-        raise RunError(f"--{args.shown} repeats an episode of a run's evaluation: give a run's folder alone")
+        raise RunError(f"{asked} repeats an episode of a run's evaluation: give a run's folder alone")
     if args.overrides or args.config or args.seed is not None:
-        raise RunError(f"--{args.shown} repeats an episode as it was evaluated: leave out --config, --seed and --set")
+        raise RunError(f"{asked} repeats an episode as it was evaluated: leave out --config, --seed and --set")
     found, number = shown_episode(args.run, args.controller, args.shown)
     args.config = None if found.conditions.config is None else Path(found.conditions.config)
     args.overrides, args.seed = list(found.conditions.overrides), found.result["seed"]

@@ -78,6 +78,16 @@ class Excerpt(NamedTuple):
     tracks_n: dict[str, Array]  # team -> [P, 3] m
 
 
+class End(NamedTuple):
+    """The end of one vehicle of an episode, by the name of the ending."""
+
+    episode: int
+    time_s: float
+    team: str
+    vehicle: int
+    ending: str
+
+
 class Crash(NamedTuple):
     """A collision of one team: the vehicles that collided at one moment, and the seconds before."""
 
@@ -122,6 +132,11 @@ class EpisodeLog:
     def excerpt(self, env: int) -> Excerpt:
         """The whole episode of an environment."""
         return self._excerpt(env, np.ones(len(self._time), dtype=bool), tuple(self._rows))
+
+    def ends(self) -> list[End]:
+        """The ends of vehicles that count for the judges, by episode and time: none after the first of a team."""
+        ordered = ((env, *end) for env, of in sorted(self._ends.items()) for end in sorted(of))
+        return [End(self.first + env, round(time, 6), team, v, kind) for env, time, team, kind, v in ordered]
 
     def crashes(self) -> list[Crash]:
         """The first `MAX_CRASHES` collisions that count for the judges, by episode and time."""

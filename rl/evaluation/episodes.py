@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from rl.evaluation.episode_log import MAX_CRASHES, Crash, EpisodeLog, Excerpt
+from rl.evaluation.conditions import Conditions, conditions_of
+from rl.evaluation.episode_log import MAX_CRASHES, Crash, End, EpisodeLog, Excerpt
 from rl.evaluation.judge import Episodes, Judge
 from rl.learn.policy import Policy
 from rl.mission import Mission
@@ -61,6 +62,8 @@ class EvaluationOutcome(NamedTuple):
     episodes: dict[str, dict[str, NDArray[np.float64]]]  # team -> name -> [episode], see Judge.episodes
     shown: dict[str, Excerpt]  # a name in SHOWN -> its episode
     crashes: list[Crash]
+    conditions: Conditions  # [episode]
+    ends: list[End]  # of vehicles, by episode and time; kept with `excerpts`
 
 
 def judge_episodes(
@@ -93,7 +96,9 @@ class _Part(NamedTuple):
     """The result of one chunk of a trial."""
 
     judges: dict[str, Judge]
+    conditions: Conditions
     crashes: list[Crash]
+    ends: list[End]
     cannot: Exception | None = None
 
 
@@ -148,16 +153,16 @@ def _run_part(
     """Run a chunk; `logs` keeps the logs of the last few chunks."""
     try:
         mission = trial.mission(unit[1])
-        log = None if logs is None else EpisodeLog(mission, unit[1])
+        log, conditions = None if logs is None else EpisodeLog(mission, unit[1]), conditions_of(mission)
         judges = run_episodes(mission, trial.policies, bar, log)
     except cannot as error:
-        return _Part({}, [], error)
+        return _Part({}, {}, [], [], error)
     if log is None or logs is None:
-        return _Part(judges, [])
+        return _Part(judges, conditions, [], [])
     logs[unit] = log
     while len(logs) > LOGS:
         del logs[next(iter(logs))]
-    return _Part(judges, log.crashes())
+    return _Part(judges, conditions, log.crashes(), log.ends())
 
 
 def _pool(trial: Trial, parts: Sequence[_Part]) -> EvaluationOutcome | Exception:
@@ -177,7 +182,9 @@ def _pool(trial: Trial, parts: Sequence[_Part]) -> EvaluationOutcome | Exception
         "worst_episode": chosen["worst"],
         "median_episode": chosen["median"],
     }
-    return EvaluationOutcome(result, of_each, {}, [crash for part in parts for crash in part.crashes][:MAX_CRASHES])
+    conditions = {key: np.concatenate([part.conditions[key] for part in parts]) for key in parts[0].conditions}
+    crashes = [crash for part in parts for crash in part.crashes][:MAX_CRASHES]
+    return EvaluationOutcome(result, of_each, {}, crashes, conditions, [end for part in parts for end in part.ends])
 
 
 def shown_numbers(result: EvaluationResult) -> dict[str, int]:
@@ -199,9 +206,14 @@ def _excerpt(trial: Trial, number: int, episode: int, logs: Mapping[tuple[int, i
 
 def choose(kind: type[Judge], episodes: Mapping[str, Episodes]) -> dict[str, int]:
     """Indices of the worst and of the median episode over all teams."""
+    order = in_order(kind, episodes)
+    return {"worst": int(order[0]), "median": int(order[len(order) // 2])}
+
+
+def in_order(kind: type[Judge], episodes: Mapping[str, Episodes]) -> NDArray[np.int64]:
+    """Indices of all episodes, the worst first, over all teams."""
     bad = np.maximum.reduce([kind.badness(of_team) for of_team in episodes.values()])
-    order = np.lexsort(bad[::-1])
-    return {"worst": int(order[-1]), "median": int(order[(len(order) - 1) // 2])}
+    return np.lexsort(bad[::-1])[::-1]
 
 
 def mission_class(config: Scenario, source: Path | None) -> type[Mission]:

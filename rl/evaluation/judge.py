@@ -10,6 +10,7 @@ to `episodes` and `pooled` therefore gets an interval in evaluations, sweeps and
 """
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import ClassVar, Generic, Protocol, Self, SupportsFloat, TypeVar
 
 import numpy as np
@@ -67,8 +68,8 @@ class Judge(Generic[M, C]):
     """Measures one team through a chunk of episodes; a mission derives its own judge and adds figures.
 
     Class attributes: `definitions`, figure -> its definition, in the order in which they are printed; `plotted`, the
-    figures that sweeps and checkups plot; `shares`, those between 0 and 1; `goals`, the endings that are what a vehicle
-    was to do.
+    figures that sweeps and checkups plot; `shares`, those between 0 and 1; `told`, numbers of an episode that reports
+    show over its conditions, with their label; `goals`, the endings that are what a vehicle was to do.
     """
 
     definitions: ClassVar[dict[str, str]] = {
@@ -78,6 +79,7 @@ class Judge(Generic[M, C]):
     }
     plotted: ClassVar[tuple[str, ...]] = ("reward_per_step", "collision_free_episodes", "success_rate")
     shares: ClassVar[tuple[str, ...]] = SHARES
+    told: ClassVar[Mapping[str, str]] = MappingProxyType({})
     goals: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, mission: M, team: str):
@@ -167,6 +169,8 @@ class ErrorJudge(Judge[M, C]):
 
     errors: [step, env, vehicle] m, NaN where not measured; a mission's judge writes them.
     """
+
+    told = MappingProxyType({f"{who}_error_rms_m": f"{who} error (m, rms)" for who in ("leader", "follower")})
 
     def __init__(self, mission: M, team: str):
         """Measure `team`."""

@@ -1,6 +1,6 @@
 """What a run's folder holds: the last evaluation of each controller, and everything that a report shows.
 
-evaluation/policy.json, classical.json     the figures, their conditions, and the numbers of each episode
+evaluation/policy.json, classical.json     figures; of each episode: its numbers, its conditions, how vehicles ended
 evaluation/policy.npz, classical.npz       the worst and the median episode, and collisions (episode_log.py)
 evaluation/headroom.json                   the policies' numbers on an oracle's episodes (headroom.py)
 """
@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rl.evaluation.episode_log import Crash, Excerpt, load_log, save_log
-from rl.evaluation.episodes import SHOWN, EvaluationOutcome, mission_class, shown_numbers
+from rl.evaluation.conditions import Conditions
+from rl.evaluation.episode_log import Crash, End, Excerpt, load_log, save_log
+from rl.evaluation.episodes import EvaluationOutcome, mission_class, shown_numbers
 from rl.evaluation.judge import Judge
 from rl.evaluation.sweeps import FOLDER as SWEEPS
 from rl.evaluation.sweeps import JSON, SweepTable
@@ -47,6 +48,8 @@ class StoredEvaluation(NamedTuple):
     result: EvaluationResult
     conditions: EvaluationConditions
     episodes: dict[str, dict[str, NDArray[np.float64]]]  # team -> name -> [episode]
+    of_each: Conditions  # empty in files of earlier versions
+    ends: list[End]
 
     @property
     def trial(self) -> tuple[object, ...]:
@@ -65,7 +68,12 @@ def save_evaluation(
     run_folder.write_json(
         file,
         outcome.result
-        | {"conditions": made, "of_each_episode": {team: plain(of) for team, of in outcome.episodes.items()}},
+        | {
+            "conditions": made,
+            "of_each_episode": {team: plain(of) for team, of in outcome.episodes.items()},
+            "conditions_of_each_episode": {key: of.tolist() for key, of in outcome.conditions.items()},
+            "ends": [end._asdict() for end in outcome.ends],
+        },
     )
 
 
@@ -81,9 +89,10 @@ def load_evaluation(run: Path, controller: str) -> StoredEvaluation | None:
     content = run_folder.read_json(file, dict)
     try:
         made, arrays = content.pop("conditions"), _arrays(content.pop("of_each_episode"))
-        return StoredEvaluation(
-            EvaluationResult(**content), EvaluationConditions(made["config"], tuple(made["set"])), arrays
-        )
+        each = {key: np.array(of) for key, of in content.pop("conditions_of_each_episode", {}).items()}
+        ends = [End(**end) for end in content.pop("ends", [])]
+        conditions = EvaluationConditions(made["config"], tuple(made["set"]))
+        return StoredEvaluation(EvaluationResult(**content), conditions, arrays, each, ends)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise RunError(f"{file}: not a stored evaluation ({error!r}); evaluate again") from None
 
@@ -102,24 +111,26 @@ def load_headroom(run: Path) -> dict[str, dict[str, NDArray[np.float64]]]:
     return _arrays(run_folder.read_json(file, dict))
 
 
-def shown_episode(run: Path, controller: str, name: str) -> tuple[StoredEvaluation, int]:
-    """The last evaluation of a controller, and the number of its episode `name` (one of SHOWN).
+def shown_episode(run: Path, controller: str, which: str | int) -> tuple[StoredEvaluation, int]:
+    """The last evaluation of a controller, and the number of its episode `which` (one of SHOWN, or a number).
 
     Raises:
-        RunError: if the controller was never evaluated.
+        RunError: if the controller was never evaluated, or not in so many episodes.
     """
     found = load_evaluation(run, controller)
     if found is None:
-        which = () if controller == "policy" else ("--controller", controller)
-        line = shlex.join(("taichi-sim", "evaluate", str(run), *which))
+        whose = () if controller == "policy" else ("--controller", controller)
+        line = shlex.join(("taichi-sim", "evaluate", str(run), *whose))
         raise RunError(f"{run}: no evaluation of {controller!r} in it; make one with: {line}")
-    if name not in SHOWN:
-        raise ValueError(f"{name!r}: allowed are {', '.join(SHOWN)}")
-    return found, shown_numbers(found.result)[name]
+    count, number = found.result["episodes"], shown_numbers(found.result).get(str(which), which)
+    if number not in range(count):
+        raise RunError(f"--episode {which}: the last evaluation of {controller!r} has episodes 0 to {count - 1}")
+    return found, int(number)
 
 
-def recording_name(controller: str, name: str) -> str:
-    """The file in a run's folder that holds the recording of an episode in SHOWN."""
+def recording_name(controller: str, which: str | int) -> str:
+    """The file in a run's folder that holds the recording of an episode, in SHOWN or by its number."""
+    name = which if isinstance(which, str) else f"episode-{which}"
     return f"{name}.rrd" if controller == "policy" else f"{name}-{controller}.rrd"
 
 

@@ -7,14 +7,17 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 from command_line import TEAMS, forget, tiny_run
+from small_missions import make
 
 from rl.evaluation import episodes as evaluation
-from rl.evaluation.episode_log import Ended, Excerpt, TeamLog, load_log, save_log
+from rl.evaluation.conditions import conditions_of
+from rl.evaluation.episode_log import End, Ended, Excerpt, TeamLog, load_log, save_log
 from rl.evaluation.judge import Judge
 from rl.evaluation.record import record_episode
 from rl.evaluation.report import episodes as shown_part
 from rl.evaluation.report import write_report
-from rl.evaluation.store import load_evaluation
+from rl.evaluation.report.failures import correlation, failures
+from rl.evaluation.store import EvaluationConditions, StoredEvaluation, load_evaluation, read_run
 from rl.learn.policy import policies_of
 from rl.runs import folder as run_folder
 
@@ -116,8 +119,12 @@ def test_the_worst_is_of_the_last_evaluation_and_under_its_conditions(run, here)
     assert here("rl.commands.evaluate", run, "--set", "sea.hs=0.8", "--episodes", "3").status == 0
     found = load_evaluation(run, "policy")
     assert found is not None and str(found.conditions) == "--set sea.hs=0.8" and found.result["episodes"] == 3
+    assert len(found.of_each["sea.hs"]) == 3 and np.allclose(found.of_each["sea.hs"], 0.8, rtol=1e-4)
     assert here("rl.commands.play", run, "--worst").status == 0
     assert (run / "worst.rrd").is_file()
+    here("rl.commands.play", run, "--episode", "3").fails("--episode 3", "episodes 0 to 2")
+    assert here("rl.commands.play", run, "--episode", "2").status == 0
+    assert (run / "episode-2.rrd").is_file()
     shutil.rmtree(run / "evaluation")
     here("rl.commands.play", run, "--worst").fails("no evaluation of 'policy'", "taichi-sim evaluate")
 
@@ -169,6 +176,43 @@ def test_five_seconds_before_a_collision_are_kept(run, tmp_path):
     np.testing.assert_array_equal(
         shown["worst"].teams["usv"].position_n, outcome.shown["worst"].teams["usv"].position_n
     )
+
+
+def test_the_conditions_of_an_episode_are_those_that_its_vehicles_feel():
+    varied = ("vary.sea.hs=[0.2, 1.0]", "vary.air.speed=[2.0, 8.0]", "usv.vary.mass={factor=[0.8, 1.2]}",
+              "vary.sea.current.direction_deg=[-90.0, 90.0]", "sea.current.speed=0.3")  # fmt: skip
+    task = make(*varied, "sea.realisations=16", envs=16)
+    found, world = conditions_of(task), task.world
+    north, east = world.current.steady.double().T
+    np.testing.assert_allclose(found["sea.hs"], world.sea.components.hs[world.env_sea], rtol=1e-4)
+    np.testing.assert_allclose(found["air.speed"], world.wind.mean[:, :2].norm(dim=-1), rtol=1e-4)
+    np.testing.assert_allclose(found["sea.current.direction_deg"], np.degrees(np.arctan2(east, north)) % 360, rtol=1e-3)
+    np.testing.assert_allclose(found["usv.mass"], world.teams["usv"].vary["mass"], rtol=1e-4)
+    assert np.ptp(found["usv.mass"], axis=1).min() > 0 and np.ptp(found["sea.tp"]) > 0
+
+
+def test_a_report_names_the_condition_that_an_error_grows_with(run):
+    """Errors grow with the sea; beyond 1 m, episodes fail; the wind has nothing to do with it."""
+    generator, n = np.random.default_rng(8), 64
+    hs, wind, mass = generator.uniform(0.1, 2.0, n), generator.uniform(2.0, 9.0, n), generator.normal(80.0, 5.0, (n, 3))
+    numbers = {f"{who}_error_rms_m": np.where(hs < 1.5, hs**2, np.nan) for who in ("leader", "follower")}
+    numbers |= {"collided": (hs > 1.5).astype(float), "failed": (hs > 1.5).astype(float), "succeeded": (hs < 1.0) * 1.0}
+    last = int(np.flatnonzero(hs > 1.5)[-1])
+    result = {"controller": "policy", "scenario": "paper", "seed": 1, "episodes": n, "teams": {},
+              "worst_episode": last, "median_episode": 0}  # fmt: skip
+    of = StoredEvaluation(result, EvaluationConditions(), {"usv": numbers},
+                          {"sea.hs": hs, "air.speed": wind, "usv.mass": mass},
+                          [End(last, 12.34, "usv", 2, "collided")])  # fmt: skip
+    found = read_run(run)._replace(evaluations={"policy": of})
+    page = failures(found)
+    assert "12.3 s: usv 2 hit an obstacle or a team mate" in page
+    assert f"{(hs >= 1.0).sum()} of 64 episodes without success" in page and page.count("--episode ") == 8
+    assert page.count("<svg") == 1 and not Links(f"<p>{page}</p>").open
+    listed = page.partition("Rank correlations")[2]
+    assert listed.index("sea.hs") < min(listed.index("mass"), listed.index("air.speed"))
+    assert correlation(hs, numbers["leader_error_rms_m"]) == pytest.approx(1.0)
+    assert correlation(-hs, numbers["collided"]) < -0.6 and abs(correlation(wind, hs**2)) < 0.3
+    assert np.isnan(correlation(hs, np.ones(n)))
 
 
 def going_north(moments: int) -> Excerpt:

@@ -1,6 +1,6 @@
 """A run as one self-contained HTML file without scripts.
 
-about.py and episodes.py make the parts of the page.
+about.py, failures.py and episodes.py make the parts of the page.
 """
 
 from collections.abc import Sequence
@@ -24,8 +24,10 @@ def write_report(folders: Sequence[Path], out: Path | None = None) -> Path:
     Raises:
         RunError: if a folder is not a run.
     """
-    from rl.evaluation.report.about import about, curves, figures, possible, sweeps  # matplotlib takes a second
+    # matplotlib takes a second
+    from rl.evaluation.report.about import about, configuration, curves, figures, possible, sweeps
     from rl.evaluation.report.episodes import collisions, shown_episodes
+    from rl.evaluation.report.failures import failures
     from taichi_sim.visualisation.plotting.page import beside, page, paragraph, photograph, section, style
 
     runs = [read_run(folder) for folder in folders]
@@ -37,13 +39,15 @@ def write_report(folders: Sequence[Path], out: Path | None = None) -> Path:
             *(section(_titled("Before and after", run, other), photograph(run.film)) for run in runs if run.film),
             section("Learning", curves(runs)),
             section("Figures", figures(runs[0], other)),
+            *(section(_titled("When it fails", run, other), failures(run)) for run in runs),
             *(section(_titled("What is possible", run, other), possible(run)) for run in runs),
             *(
-                section(_titled("Conditions", run, other), sweeps(run, other if run is runs[0] else None))
+                section(_titled("Sweeps", run, other), sweeps(run, other if run is runs[0] else None))
                 for run in runs
             ),
             *(section(_titled("Two episodes", run, other), shown_episodes(run)) for run in runs),
             *(section(_titled("Collisions", run, other), collisions(run)) for run in runs),
+            *(section(_titled("Configuration", run, other), configuration(run)) for run in runs),
         ]
     lead = paragraph(f"Scenario {runs[0].config.name}, mission {runs[0].config.mission}.", "faint")
     default = NAME if other is None else f"report-and-{other.name}.html"

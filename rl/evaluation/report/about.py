@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 
 from rl.evaluation.headroom import headroom, read_bounds
 from rl.evaluation.intervals import Interval, differences, intervals
+from rl.evaluation.report.numbers import NOTHING, number
 from rl.evaluation.store import Run, StoredEvaluation
 from rl.evaluation.sweeps import AxisTable, CellRow, SweepTable, named, value_text
 from rl.evaluation.training_figures import LOSS, REWARD, draw_axes, draw_checkups, draw_iterations, judged
@@ -18,7 +19,6 @@ from taichi_sim.config.io import toml_text
 from taichi_sim.visualisation.plotting import log_where_spread
 from taichi_sim.visualisation.plotting.page import COLOURS, blank, folded, missing, panel, paragraph, svg, table, text
 
-NOTHING = "-"
 FEW = 8  # up to this many values get a tick each
 
 
@@ -44,7 +44,12 @@ def about(run: Run) -> str:
     parts = table(("", run.name), [(text(a), text(b)) for a, b in rows], numbers=False)
     if run.summary is None:
         parts += missing("The training is not finished.", resuming(run.folder))
-    return parts + folded("every key of the scenario", f"<pre>{text(toml_text(config))}</pre>")
+    return parts
+
+
+def configuration(run: Run) -> str:
+    """Every key of a run's scenario."""
+    return folded("every key of the scenario", f"<pre>{text(toml_text(run.config))}</pre>")
 
 
 def _learned(stage: StageResult) -> str:
@@ -77,9 +82,9 @@ def figures(run: Run, other: Run | None) -> str:
         meanings = [(f"<code>{text(key)}</code>", text(words)) for key, words in run.judge.definitions.items()]
         parts.append(
             paragraph(
-                "Brackets hold 95 % intervals, by the bootstrap over episodes. A difference is bold if its interval "
-                "excludes zero. An interval has no width if all n episodes gave the same result; a share of 3 / n of "
-                "episodes may still differ. A figure without an interval depends on single moments.",
+                "Brackets hold 95 % intervals: of shares of episodes by Wilson's method, and Newcombe's for their "
+                "differences; of others by the bootstrap over episodes. A difference is bold if its interval excludes "
+                "zero. A figure without an interval depends on single moments.",
                 "faint",
             )
         )
@@ -159,17 +164,6 @@ def _of_team(run: Run, team: str, columns: Mapping[str, StoredEvaluation]) -> st
         row += [number(of[key], against_zero=True) if key in of else NOTHING for of in compared.values()]
         rows.append(row)
     return f"<h3>{text(team)}</h3>" + table(("", *having, *compared), rows)
-
-
-def number(of: Interval, against_zero: bool = False) -> str:
-    """A figure with its interval as text."""
-    if of.value is None:
-        return NOTHING
-    value = f"{of.value:+.3g}" if against_zero else f"{of.value:.3g}"
-    if of.low is None or of.high is None:
-        return value
-    clear = against_zero and (of.low > 0 or of.high < 0)
-    return f"{f'<b>{value}</b>' if clear else value} <i>({of.low:.3g} to {of.high:.3g})</i>"
 
 
 def curves(runs: Sequence[Run]) -> str:

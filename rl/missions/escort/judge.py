@@ -1,6 +1,7 @@
 """Measurements of an escort: arrival of the boats, errors after it, sightings and news of the vessel."""
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Protocol, Self
 
 import numpy as np
@@ -82,6 +83,7 @@ class EscortJudge(ErrorJudge[Escorted, EscortScenario]):
         "boats: the leader arrived and the rms error of every boat after that stayed below evaluation.success_error; "
         f"aircraft: some camera had the vessel for {SEEN_SHARE:.0%} of the time after it was first seen",
     }
+    told = MappingProxyType({"arrival_counted_s": "time to arrive (s)", **ErrorJudge.told})
     shares = (*ErrorJudge.shares, "never_arrives", "in_camera", "in_camera_always", "aware")
     plotted = ("mean_time_to_arrive_s", "leader_error_rms_m", "follower_error_rms_m", "in_camera",
                "collision_free_episodes", "success_rate")  # fmt: skip

@@ -87,11 +87,12 @@ def draw_starts(
         for team, model in models.items():
             fresh[team], fits = _team_states(config, team, model, formations[team], place, met[team], generator)
             clear &= fits
+            margin = model.collision_radius + MARGIN
             if not model.limits.stops:
-                clear &= _pass_clear(fresh[team], fastest[team], 2 * (model.collision_radius + MARGIN))
-                clear &= ~_ahead(fresh[team], met[team], fastest[team]).flatten(2).any(-1)
+                clear &= _pass_clear(fresh[team], fastest[team], 2 * margin)
+                clear &= ~_ahead(fresh[team], met[team], fastest[team], margin).flatten(2).any(-1)
             if low and model.medium == "air" and obstacles.shape[1]:
-                fresh[team] = _above(fresh[team], obstacles, fastest[team], model.collision_radius + MARGIN)
+                fresh[team] = _above(fresh[team], obstacles, fastest[team], margin)
         progress = torch.where(clear, drawn, progress)
         for team in models:
             states[team] = torch.where(clear[..., None, None], fresh[team], states[team])
@@ -187,16 +188,18 @@ def _way_clear(state: Tensor, obstacles: Tensor, margin: float) -> Tensor:
     return (apart > margin).flatten(2).all(-1)
 
 
-def _ahead(state: Tensor, obstacles: Tensor, speed: float) -> Tensor:
-    """Obstacles ahead of vehicles [world, start, vehicle, 13] within `FREE_TIME` at a `speed`: bool [.., obstacle]."""
+def _ahead(state: Tensor, obstacles: Tensor, speed: float, margin: float) -> Tensor:
+    """Obstacles that vehicles [world, start, vehicle, 13] have not passed by `margin` (m) and could meet within
+    `FREE_TIME` at a `speed`: bool [.., obstacle].
+    """
     to, radius = obstacles[:, None, None, :, :2] - state[..., None, :2], obstacles[:, None, None, :, Cylinder.RADIUS]
-    ahead = (to * _bow(state).unsqueeze(3)).sum(-1) > -radius
+    ahead = (to * _bow(state).unsqueeze(3)).sum(-1) > -(radius + margin)
     return ahead & (to.norm(dim=-1) - radius < FREE_TIME * speed)
 
 
 def _above(state: Tensor, obstacles: Tensor, speed: float, margin: float) -> Tensor:
     """Raise aircraft [world, start, vehicle, 13] to `margin` (m) above the obstacles ahead, if they are lower."""
-    tops = _ahead(state, obstacles, speed) * obstacles[:, None, None, :, Cylinder.HEIGHT]
+    tops = _ahead(state, obstacles, speed, margin) * obstacles[:, None, None, :, Cylinder.HEIGHT]
     state[..., DOWN] = torch.minimum(state[..., DOWN], -(tops + margin).amax(-1))
     return state
 

@@ -1,6 +1,7 @@
 """Measurements of landings: how they ended, how long they took, how the aircraft touched down."""
 
 from collections.abc import Sequence
+from types import MappingProxyType
 from typing import Protocol, Self
 
 import numpy as np
@@ -42,6 +43,9 @@ class LandingJudge(Judge[Landings, LandingScenario]):
     """Measures outcomes and touchdowns of aircraft [env, aircraft], and the motion of the boats' decks."""
 
     shares = ("success_rate", *OUTCOMES[1:])
+    told = MappingProxyType({
+        "time_s": "time to land (s)", "error_m": "off the middle (m)", "speed_m_s": "speed of the touch (m/s)",
+    })  # fmt: skip
     goals = ("landed",)
     definitions = {
         "success_rate": "fraction of aircraft that landed: all soles on the deck for landing.stand without a break, "
