@@ -4,7 +4,8 @@ A pool of starts for each world is drawn once, so that a reset only gathers rows
 place of the track, the leader within `start_distance` of it with about the slot's heading and speed, and followers near
 their slots; the formation is drawn with the start. If a vehicle touches an obstacle, its team is moved closer to its
 slots. If the slots touch one, too, or vehicles that cannot stop would meet before they can turn away, another place is
-drawn. If none is found, the world's other starts are used.
+drawn. If none is found, the world's other starts are used. Where all obstacles end below the flight height, aircraft
+begin above those ahead.
 """
 
 import math
