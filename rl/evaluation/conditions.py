@@ -8,7 +8,7 @@ from taichi_sim.config.vary import CONDITIONS
 
 CIRCLE = 360.0  # deg
 DIGITS = 5  # significant ones, of what is stored
-UNITS = {"hs": "m", "tp": "s", "direction_deg": "deg", "speed": "m/s"}
+UNITS = {"hs": "m", "tp": "s", "speed": "m/s"}
 DRAWN = tuple(key for key in CONDITIONS if key != "sea.sea_state")  # in the order of `World.conditions`
 
 Conditions = dict[str, NDArray[np.float64]]
@@ -27,6 +27,6 @@ def conditions_of(mission: Mission) -> Conditions:
 
 
 def unit(key: str) -> str:
-    """The unit of a condition, in brackets; nothing where it is 1, or that of a vehicle file."""
+    """The unit of a condition, in brackets; nothing where its name says it, and for numbers of vehicle files."""
     found = UNITS.get(key.rpartition(".")[2]) if key in CONDITIONS else None
     return f" ({found})" if found else ""

@@ -170,7 +170,7 @@ class ErrorJudge(Judge[M, C]):
     errors: [step, env, vehicle] m, NaN where not measured; a mission's judge writes them.
     """
 
-    told = MappingProxyType({f"{who}_error_rms_m": f"{who} error (m, rms)" for who in ("leader", "follower")})
+    told = MappingProxyType({f"{who}_error_rms_m": f"{who} error (m, rms)" for who in ("follower", "leader")})
 
     def __init__(self, mission: M, team: str):
         """Measure `team`."""

@@ -22,7 +22,7 @@ from taichi_sim.visualisation.recording.palette import ALARM
 Array = NDArray[np.float64]
 WORST = 8  # episodes of a team in its table
 BINS = 5  # of as many episodes each, in which success is shown
-NUMBERS = 5  # of a team's vehicles, with a panel each: those that matter most
+NUMBERS = 4  # of a team's vehicles, with a panel each: those that matter most
 ACROSS = 4  # panels in a row
 LEAST = 20  # episodes, of which a correlation says something; assumed
 
@@ -74,11 +74,12 @@ def _worst(run: Run, of: StoredEvaluation, team: str, spreads: Sequence[Spread])
         why = "; ".join(f"{end.time_s:.1f} s: {end.team} {end.vehicle} {event_of(end.ending)[1]}" for end in first)
         rows.append([
             f"{k}", f'<span class="why">{text(why or "no vehicle ended")}</span>',
+            f"<code>{text(run.command('play', '--episode', str(k)))}</code>",
             *(short(episodes[key][k]) for key in told), *(short(spread.values[k]) for spread in around),
             f'<span class="why">{text(_strange(of, team, k))}</span>',
-            f"<code>{text(run.command('play', '--episode', str(k)))}</code>",
         ])  # fmt: skip
-    head = ("episode", "how it ended", *told.values(), *(f"{s.key}{unit(s.key)}" for s in around), "vehicles", "play")
+    conditions = [f"{spread.key}{unit(spread.key)}" for spread in around]
+    head = ("episode", "how it ended", "again by", *told.values(), *conditions, "vehicles")
     failed = int((episodes["succeeded"] < 1).sum())
     lead = paragraph(f"{failed} of {of.result['episodes']} episodes without success; the worst {len(worst)}:")
     return lead + table(head, rows)
@@ -121,7 +122,7 @@ def _pictures(run: Run, of: StoredEvaluation, team: str, spreads: Sequence[Sprea
         f"(means over the team), those {NUMBERS} that go along with errors or failures most; the list below has all."
     )
     rows = [
-        [f"<code>{text(name.removeprefix(f'{team}.'))}</code>", *(short(x, 2) for x in of_key)]
+        [f"<code>{text(name.removeprefix(f'{team}.'))}</code>", *("-" if np.isnan(x) else f"{x:+.2f}" for x in of_key)]
         for name, of_key in sorted(ranks.items(), key=lambda item: -np.nanmax(np.abs((*item[1], 0.0))))
     ]
     chance = 2.0 / np.sqrt(len(success))
