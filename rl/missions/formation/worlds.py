@@ -206,14 +206,15 @@ def _above(state: Tensor, obstacles: Tensor, speed: float, margin: float) -> Ten
 
 
 def _pass_clear(state: Tensor, speed: float, apart: float) -> Tensor:
-    """Whether vehicles [.., vehicle, 13] that go straight on for `TURNING_TIME` at a `speed` stay `apart` (m) in plan
-    view [..].
+    """Whether vehicles [.., vehicle, 13] that go straight on for `TURNING_TIME` stay `apart` (m) in plan view [..].
+
+    In any wind, velocities differ by at most the greatest `speed` over ground times the difference of the courses, in
+    a direction that is not known before the wind is.
     """
-    place, velocity = state[..., :2], speed * _bow(state)
-    gap, rate = (x.unsqueeze(-2) - x.unsqueeze(-3) for x in (place, velocity))
-    nearest = -(gap * rate).sum(-1, keepdim=True) / rate.square().sum(-1, keepdim=True).clamp(min=1e-9)
-    distance = (gap + rate * nearest.clamp(0.0, TURNING_TIME)).norm(dim=-1)
-    return (distance + 1e9 * torch.eye(distance.shape[-1])).amin(dim=(-2, -1)) > apart
+    gap, turn = (x.unsqueeze(-2) - x.unsqueeze(-3) for x in (state[..., :2], _bow(state)))
+    nearing = (gap * turn).sum(-1) < 0.0
+    least = gap.norm(dim=-1) - TURNING_TIME * speed * turn.norm(dim=-1) * nearing
+    return (least + 1e9 * torch.eye(least.shape[-1])).amin(dim=(-2, -1)) > apart
 
 
 def _first_clear_pull(
