@@ -6,6 +6,8 @@ from refusal import assert_says, refusal
 from rl.missions import load_scenario
 from taichi_sim.config import Range
 from taichi_sim.config.io import write_toml
+from taichi_sim.randomisation.conditions import nominal_conditions
+from taichi_sim.surroundings.sea.wind_sea import swell_size
 
 MASS = "[usv.vary]\nmass = { factor = [0.9, 1.2] }\n"
 SEA = '[sea]\nhs = 0.5\ntp = 4.0\n[vary]\n"sea.hs" = [0.2, 1.0]\n"air.speed" = { add = [0, 3] }\n'
@@ -93,6 +95,25 @@ def test_an_override_of_one_number_of_a_range_takes_another_way_back(scenario):
 )
 def test_a_condition_that_is_overridden_no_longer_varies(scenario, override, left):
     assert set(load_scenario(scenario("", SEA), override).vary) == left
+
+
+@pytest.mark.parametrize("name", ["cruise", "paper", "aerosonde", "escort"])
+def test_a_height_alone_keeps_the_steepness(name):
+    """Of what a scenario gives, whichever way: hs / tp^2 stays; so does that of a swell, which has 0.005 by itself."""
+    config = load_scenario(name, ["variation=0"])
+    calm, rough = (nominal_conditions(of) for of in (config, load_scenario(name, ["sea.hs=1.2", "variation=0"])))
+    assert rough["sea.hs"] == 1.2
+    assert rough["sea.hs"] / rough["sea.tp"] ** 2 == pytest.approx(calm["sea.hs"] / calm["sea.tp"] ** 2)
+    swell = [load_scenario(name, sets).sea.swell for sets in
+             (["sea.swell.hs=0.5"], ["sea.swell={hs=0.5, tp=8}", "seed=2"])]  # fmt: skip
+    assert [swell_size(of).tp for of in swell] == pytest.approx([8.0, 8.0], rel=1e-3)
+
+
+def test_a_swell_of_another_height_keeps_its_steepness(scenario):
+    file = scenario("", "[sea]\nhs = 0.5\ntp = 4.0\nswell = { hs = 1.0, tp = 10.0 }\n")
+    assert swell_size(load_scenario(file, ["sea.swell.hs=0.25"]).sea.swell) == (0.25, 5.0)
+    assert swell_size(load_scenario(file, ["sea.swell.hs=2", "sea.swell.tp=9"]).sea.swell) == (2.0, 9.0)
+    assert load_scenario(file, ["sea.hs=2"]).sea.tp == 8.0
 
 
 def test_numbers_do_not_outlive_their_vehicle(scenario):

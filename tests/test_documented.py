@@ -25,6 +25,7 @@ PAGES = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").r
 FENCE = re.compile(r"^ *```(\w*)[^\n]*\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
 FILE = re.compile(r"^```\w+ file=(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SPAN = re.compile(r"`((?:taichi-sim|python (?:rl|tools)/)[^`]*)`")
+OVERRIDES = re.compile(r"`(--set [^`]*|(?:sea|air|track|usv|uav|vary)\.[a-z][\w.]*=[^`]*)`")
 OTHERS = {"cd", "git", "make", "mkdocs", "pyright", "pytest", "ros2", "ruff", "sim_vehicle.py", "tensorboard",
           ".ci/run", "./waf"}  # fmt: skip
 """Programs of others, whose command lines are not ours to check."""
@@ -90,16 +91,28 @@ def taken(module: str, arguments: list[str], monkeypatch) -> argparse.Namespace:
     return found[0]
 
 
-def fits(overrides: list[str], config: object) -> None:
-    """Fail unless the scenario `config`, or any shipped one without it, takes the overrides."""
-    shipped, refused = sorted(file.stem for file in config_folder().glob("*.toml")), []
-    for name in [str(config)] if str(config) in shipped or Path(str(config)).is_file() else shipped:
-        try:
-            load_scenario(name, overrides)
-            return
-        except ConfigError as error:
-            refused.append(str(error))
-    pytest.fail("\n".join(refused))
+SHIPPED = sorted(file.stem for file in config_folder().glob("*.toml"))
+
+
+def scenarios_of(page: str, args: argparse.Namespace) -> list[str]:
+    """The scenarios that must take the overrides of a command: the named one, or that of the page's runs.
+
+    README.md promises its commands for the runs of every scenario.
+    """
+    named = str(args.config or getattr(args, "run", "cruise"))
+    if named in SHIPPED or Path(named).is_file():
+        return [named]
+    other = OTHER_RUNS.get(page, "cruise")
+    return SHIPPED if page == "README.md" else [other if other in SHIPPED else f"{other}.toml"]
+
+
+def fits(overrides: list[str], config: str) -> str:
+    """Why the scenario `config` does not take the overrides; empty if it does."""
+    try:
+        load_scenario(config, overrides)
+    except ConfigError as error:
+        return str(error)
+    return ""
 
 
 @pytest.mark.parametrize("found", COMMANDS, ids=lambda found: f"{found.page}: {found.line[:60]}")
@@ -130,9 +143,27 @@ def test_the_parser_of_a_documented_command_takes_it(found, monkeypatch, capsys,
         assert ended.code == 0, capsys.readouterr().err  # 0: --help
         return
     if "config" in args and module.startswith("rl.") and getattr(args, "overrides", ()):
-        _stand_ins(found.page, tmp_path)
+        for page in (found.page, "docs/tutorials/mission.md"):
+            _stand_ins(page, tmp_path)
         monkeypatch.chdir(tmp_path)
-        fits([text.replace("=N", "=1") for text in args.overrides], args.config)
+        given = [text.replace("=N", "=1") for text in args.overrides]
+        assert not [why for name in scenarios_of(found.page, args) if (why := fits(given, name))]
+
+
+def test_overrides_of_the_text_fit_a_scenario(tmp_path, monkeypatch):
+    """`--set KEY=VALUE ...` and `sea.KEY=VALUE` between backticks, which name no command."""
+    _stand_ins("docs/tutorials/mission.md", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    refused = {}
+    for page in PAGES:
+        for text in OVERRIDES.findall(FENCE.sub("", page.read_text(encoding="utf-8"))):
+            words = [word for word in shlex.split(text) if word != "--set"]
+            of_vehicle = any(word.startswith("actions=") for word in words)
+            whole = all(re.search(r"=(?!\.\.\.|\[?FILE|VALUE|N$).", word) for word in words)
+            if whole and not of_vehicle and page.name != "extending.md":  # which adds terms
+                why = [fits(words, name) for name in (*SHIPPED, "buoy.toml")]
+                refused |= {(page.name, text): why[0]} if all(why) else {}
+    assert not refused
 
 
 def test_no_block_without_a_language_hides_a_command():

@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import errno
+import math
 import os
 import tempfile
 import tomllib
@@ -17,7 +18,7 @@ from taichi_sim.config.base import ConfigError, Strict, Table
 from taichi_sim.config.explain_errors import explain, nearly, source_of
 from taichi_sim.config.files import resolve_files
 from taichi_sim.config.sea import is_measured
-from taichi_sim.config.vary import FIXED_BY, flattened, with_range
+from taichi_sim.config.vary import CONDITIONS, FIXED_BY, flattened, with_range
 from taichi_sim.config.world import TeamConfig, WorldConfig
 
 Model = TypeVar("Model", bound=Strict)
@@ -241,6 +242,9 @@ def set_values(data: Table, values: Mapping[str, object], kind: type[WorldConfig
             sea.pop("components", None)  # they belong to another spectrum
     for section in dict.fromkeys(key.rpartition(".")[0] for key in keys):
         _take_other_ways_back(data, section, keys, kind)
+    for section in ("sea", "sea.swell"):
+        if f"{section}.hs" in values and f"{section}.tp" not in values:
+            _keep_steepness(data, section, values[f"{section}.hs"])
     for key in keys:
         _take_variation_back(data, key)
     for key, value in values.items():
@@ -271,6 +275,21 @@ def _take_other_ways_back(data: Table, section: str, keys: list[str], kind: type
     if section == "sea" and "sea.spectrum" not in keys and is_measured(node.get("spectrum")) \
             and not any("record" in way for way in chosen):  # fmt: skip
         del node["spectrum"]
+
+
+def _keep_steepness(data: Table, section: str, hs: object) -> None:
+    """Give the waves of `section` the period with which a new height `hs` (m) has the steepness of the old one.
+
+    Without a period beside the old height, the section's own default follows the new height (`SeaConfig`).
+    """
+    node: object = data
+    for part in section.split("."):
+        node = node.get(part) if isinstance(node, dict) else None
+    old, tp = (node.get(key) for key in ("hs", "tp")) if isinstance(node, dict) else (None, None)
+    given = [x for x in (hs, old, tp) if isinstance(x, int | float) and x > 0]
+    if isinstance(node, dict) and len(given) == 3:  # others are judged where they are read
+        shortest, longest = CONDITIONS["sea.tp"]
+        node["tp"] = min(max(given[2] * math.sqrt(given[0] / given[1]), shortest), longest)
 
 
 def _take_variation_back(data: Table, key: str) -> None:
