@@ -5,6 +5,7 @@ import contextlib
 import errno
 import math
 import os
+import sys
 import tempfile
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
@@ -61,7 +62,8 @@ def load_world(path: str | Path = "paper", overrides: Iterable[str] = ()) -> Wor
         ConfigError: for any mistake; the message names file, key, value and what is allowed.
     """
     file = find_config(path)
-    data = read_toml(file)
+    data, overrides = read_toml(file), list(overrides)
+    drop_ranges(data, map(key_of, overrides))
     sources = apply_overrides(data, overrides)
     teams = {key: value for key, value in data.items() if isinstance(value, dict) and nearly("vehicle", value)}
     resolve_files(data, file, sources)
@@ -221,7 +223,7 @@ def apply_overrides(data: Table, overrides: Iterable[str], kind: type[WorldConfi
         key, (_, equals, value) = key_of(text), text.partition("=")
         if not equals or not all(key.split(".")):
             raise ConfigError(f"--set {text}: expected KEY=VALUE, for example --set usv.count=5")
-        values[key], sources[key] = _parse_value(value.strip()), f"--set {text}"
+        values[key], sources[key] = parse_value(value.strip()), f"--set {text}"
     set_values(data, values, kind, sources)
     return sources
 
@@ -293,13 +295,18 @@ def _keep_steepness(data: Table, section: str, hs: object) -> None:
 
 
 def _take_variation_back(data: Table, key: str) -> None:
-    """Remove the range of an overridden value: a condition of sea or air, or numbers of another vehicle."""
-    fixed, (section, _, name) = {key, *FIXED_BY.get(key, ())}, key.partition(".")
+    """Remove the range of an overridden condition of sea or air."""
+    fixed = {key, *FIXED_BY.get(key, ())}
     if isinstance(ranges := data.get("vary"), dict):
         kept = flattened(ranges).items()
         data["vary"] = {k: v for k, v in kept if k not in fixed and not k.startswith(f"{key}.")}
-    if name == "vehicle" and isinstance(team := data.get(section), dict):
-        team.pop("vary", None)
+
+
+def drop_ranges(data: Table, keys: Iterable[str]) -> None:
+    """Remove `[TEAM.vary]`, of the old vehicle's numbers, of teams that get another one: TEAM.vehicle in `keys`."""
+    for team in (key.removesuffix(".vehicle") for key in keys if key.endswith(".vehicle")):
+        if isinstance(section := data.get(team), dict) and section.pop("vary", None):
+            print(f"{team}.vary: its ranges were of another vehicle, and are dropped", file=sys.stderr)
 
 
 def _set_value(data: Table, key: str, value: object, kind: type[WorldConfig], source: str) -> None:
@@ -318,7 +325,8 @@ def _set_value(data: Table, key: str, value: object, kind: type[WorldConfig], so
     node[parts[-1]] = value
 
 
-def _parse_value(text: str) -> object:
+def parse_value(text: str) -> object:
+    """The value of an override: TOML, or else the text itself."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
