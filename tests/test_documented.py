@@ -15,6 +15,7 @@ from typing import NamedTuple
 import command_line
 import pytest
 from command_line import ROOT, TIMEOUT, sets, tiny_run
+from named_thrusters import write_hull
 
 from rl.commands.main import SCRIPTS, STARTERS, starter_parser
 from rl.missions import load_scenario
@@ -184,6 +185,8 @@ NEEDS = {
     "--live": "a viewer: test_live.py",
     "--watch": "a viewer: test_watch.py",
     "taichi-sim score": "policies that fit its tasks: test_benchmark_tasks.py, test_interfaces.py",
+    "hydrodynamics cat.stl": "a hull's drawing: test_hydrodynamics.py",
+    "fit cat.toml": "logs of a boat: test_fit.py",
     "HOST": "several machines: test_processes.py",
     "esso_osaka": "logs of others",
     "00000012.bin": "a log of an autopilot: test_fit.py",
@@ -193,6 +196,7 @@ OWN_TEST = ("docs/tutorials/", "CONTRIBUTING.md")  # test_tutorials.py; tools of
 SHORT = {
     "rl.commands.evaluate": ("--episodes", "2"),
     "rl.commands.play": ("--duration", "1"),
+    "rl.commands.tune": ("--rounds", "1", "--candidates", "2", "--episodes", "4"),
     "tools.compare": ("--episodes", "2"),
     "tools.hydrodynamics": ("--divisions", "3", "--frequencies", "6", "--range", "1.2", "3.2"),
 }
@@ -213,6 +217,7 @@ def _stand_ins(page: str, folder: Path) -> None:
         shutil.copy(file, folder)
     shutil.copy(config_folder() / "paper.toml", folder / "my.toml")
     barge = (config_folder() / "vehicles" / "barge.toml").read_text(encoding="utf-8")
+    write_hull(folder / "cat.toml", like="wamv")
     (folder / "my_boat.toml").write_text(barge.replace("barge.hydro", "my_boat.hydro"), encoding="utf-8")
 
 

@@ -8,7 +8,7 @@
 | `TEAM.control` | stays if the controller is of the same class; its lengths are scaled by length |
 | `TEAM.spacing`, `lost_distance` | scaled by length; `start_distance` by that of a shorter vehicle |
 | `obstacles` beside the lanes | move with the edge of the team's formation |
-| `TEAM.target_speed`, also `track`'s; `residual.velocity` | scaled by speed |
+| `TEAM.target_speed`, also `track`'s; `residual.velocity` | scaled by speed, of one that is slower or cannot stop |
 | `stages.NAME.set.dt` | stays, if the vehicle's own step is no shorter than the old one's |
 
 Length is that of the vehicle, speed its cruise, or where it has none its top speed. A ratio within ALIKE of 1 counts as
@@ -79,8 +79,9 @@ class Swap(NamedTuple):
 
     @property
     def speed(self) -> float:
-        """Ratio of the speeds; 1 where one is not known."""
-        return _ratio(*(_speed(model) for model in (self.old, self.new)))
+        """Ratio of the speeds; 1 where one is not known, or a faster vehicle can go as slowly as it likes."""
+        ratio = _ratio(*(_speed(model) for model in (self.old, self.new)))
+        return min(ratio, 1.0) if self.new.limits.stops else ratio
 
 
 def _speed(model: Vehicle) -> float:
@@ -210,7 +211,7 @@ def _numbers(data: Table, team: str, swap: Swap, given: Container[str]) -> list[
     """Scale lengths and speeds of a team; what changed."""
     section: Any = data[team]
     track: Any = data.get("track", {})
-    if "target_speed" in track and "target_speed" not in section and "track.target_speed" not in given:
+    if swap.speed != 1 and "target_speed" in track and "target_speed" not in section and "track.target_speed" not in given:
         section["target_speed"] = track["target_speed"]
     told = []
     for key, how in SCALED.items():

@@ -1,13 +1,13 @@
 """Classical controllers of displacement vessels: gains and thrusts against closed forms, and how vessels keep track."""
 
 import math
-import re
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from named_thrusters import write_hull
 from phases import due
 from torch import Tensor
 
@@ -48,25 +48,11 @@ def left_right(tmp_path_factory) -> str:
     return str(file)
 
 
-STERN = "position = [-0.8, {y}, 0.0]\nthrust_max = 119.7\nthrust_min = -66.7\nlag = 0.1\n"
-AZIMUTH, FIXED, TUNNEL = "turn_rate_deg = 60.0\n", "", "[actuators.bow]\nposition = [0.7, 0.0, 0.1]\n" \
-    "direction_deg = 90.0\nthrust_max = 40.0\nthrust_min = -40.0\nlag = 0.1\n"  # fmt: skip
-
-
 @pytest.fixture(scope="module")
 def named_thrusters(tmp_path_factory) -> dict[str, str]:
-    """Return Otters with thrusters of the same thrust as its propellers, by name, that a wrench commands."""
-    folder, text = tmp_path_factory.mktemp("vehicles"), (VEHICLES / "otter.toml").read_text()
-    shutil.copy(VEHICLES / "otter.hydro.json", folder)
-    text = re.sub(r"\[thrusters\].*?(?=\[windage\])", "ACTUATORS\n", text, flags=re.DOTALL).replace(
-        '"surge_yaw"   ', '"wrench"   '
-    )
-    found = {}
-    for name, kind, more in (("azimuth", AZIMUTH, ""), ("fixed", FIXED, ""), ("tunnel", FIXED, TUNNEL)):
-        pair = "".join(f"[actuators.{side}]\n{STERN.format(y=y)}{kind}" for side, y in (("l", -0.395), ("r", 0.395)))
-        (folder / f"{name}.toml").write_text(text.replace("ACTUATORS", pair + more))
-        found[name] = str(folder / f"{name}.toml")
-    return found
+    """Return Otters with named thrusters, by kind."""
+    folder = tmp_path_factory.mktemp("vehicles")
+    return {kind: str(write_hull(folder / f"{kind}.toml", kind)) for kind in ("azimuth", "fixed", "tunnel")}
 
 
 def make(*overrides: str, vehicle: str = "otter", envs: int = 4, seed: int = 3) -> Formation:
