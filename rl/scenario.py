@@ -11,7 +11,7 @@ from typing import Annotated, Literal, TypeVar
 from pydantic import BeforeValidator, Field, model_validator
 
 from taichi_sim.config import ConfigError, NonNegative, Positive, Strict, WorldConfig
-from taichi_sim.config.io import set_values, validate
+from taichi_sim.config.io import drop_ranges, set_values, validate
 from taichi_sim.config.vary import flattened
 
 WHOLE = ("name", "seed", "mission", "stages", "evaluation")  # sections that are the same in all stages
@@ -93,6 +93,7 @@ class Scenario(WorldConfig):
     episode_duration: Annotated[float, Field(gt=0, le=100_000)] = 60.0  # s
     stages: dict[str, StageConfig] = {}
     evaluation: Evaluation = Evaluation()
+    replaced: tuple[str, ...] = ()  # what changed with a vehicle that an override has set (other_vehicle.py); written
 
     @property
     def episode_steps(self) -> int:
@@ -224,6 +225,7 @@ def at_stage(config: C, name: str) -> C:
         whole = ", ".join(WHOLE)
         raise ConfigError(f"stages.{name}.set: {fixed} cannot differ in a stage: {whole} are of the whole run")
     data = config.model_dump(mode="json", exclude_none=True)
+    drop_ranges(data, changes)
     set_values(data, changes, type(config), sources)
     return validate(type(config), data, config.name, sources)
 

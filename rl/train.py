@@ -74,6 +74,7 @@ def main(argv: list[str] | None = None) -> None:
             if place.first:
                 print(f"run folder: {out}")
                 shared.tell_corrected(config)
+                shared.tell_replaced(config, args.overrides)
             summary = run_main_job(
                 config, out, source=source, show_progress=not args.quiet, watch=watch, logger=args.logger
             )

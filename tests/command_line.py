@@ -19,12 +19,14 @@ import sys
 import tempfile
 from pathlib import Path
 
+import pytest
 from filelock import FileLock
 
 from rl.commands import shared
 from rl.learn.policy import checkpoints
 from rl.missions import load_scenario
 from rl.missions.formation.config import FormationScenario
+from taichi_sim.config.base import MissingExtraError
 
 ROOT = Path(__file__).resolve().parents[1]
 ITERATIONS = 4
@@ -189,6 +191,12 @@ def _make_tiny_run(folder: Path) -> None:
 
 def tiny_config() -> FormationScenario:
     return load_scenario("paper", TINY)
+
+
+def onnx_session(file: Path):
+    """Return onnxruntime's session of an ONNX file; without the package the test is skipped, and names its extra."""
+    missing = str(MissingExtraError("onnxruntime", "onnxruntime"))
+    return pytest.importorskip("onnxruntime", reason=missing).InferenceSession(str(file))
 
 
 def forget(run: Path, *teams: str) -> Path:

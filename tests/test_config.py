@@ -34,7 +34,6 @@ from taichi_sim.models.catalogue import load_vehicle
         ("", "[sea]\ndirection_deg = nan\n", ("sea.direction_deg = nan", "finite")),
         ("", "[sea]\nspectrum = 'white'\n", ("sea.spectrum = 'white'", "'jonswap'", "'pierson_moskowitz'")),
         ("", "[sea]\nsea_state = 9\n", ("sea.sea_state = 9", "less than or equal to 8")),
-        ("", "[sea]\nhs = 1\n", ("sea: hs is given without tp",)),
         ("", "[sea]\ntp = 5\n", ("sea: tp is given without hs",)),
         ("", "[sea]\nfetch = 1e4\n", ("sea: fetch is given without wind_speed",)),
         ("", "[sea]\nhs = 1\ntp = 5\nsea_state = 3\n", ("sea", "2 times", "hs and tp", "sea_state", "keep one")),
@@ -45,7 +44,6 @@ from taichi_sim.models.catalogue import load_vehicle
             "[sea]\nspectrum = 'bretschneider'\nwind_speed = 9\nfetch = 1e4\n",
             ("fetch", "must be 'jonswap'", "'bretschneider'"),
         ),
-        ("", "[sea.swell]\nhs = 1\n", ("sea.swell.tp", "missing")),
         (
             "",
             "[sea]\ncomponents = 40\n[sea.swell]\nhs = 1\ntp = 9\ncomponents = 25\n",

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import command_line
 import pytest
 from command_line import ROOT, TIMEOUT, sets, tiny_run
+from named_thrusters import write_hull
 
 from rl.commands.main import SCRIPTS, STARTERS, starter_parser
 from rl.missions import load_scenario
@@ -25,6 +26,7 @@ PAGES = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").r
 FENCE = re.compile(r"^ *```(\w*)[^\n]*\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
 FILE = re.compile(r"^```\w+ file=(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SPAN = re.compile(r"`((?:taichi-sim|python (?:rl|tools)/)[^`]*)`")
+OVERRIDES = re.compile(r"`(--set [^`]*|(?:sea|air|track|usv|uav|vary)\.[a-z][\w.]*=[^`]*)`")
 OTHERS = {"cd", "git", "make", "mkdocs", "pyright", "pytest", "ros2", "ruff", "sim_vehicle.py", "tensorboard",
           ".ci/run", "./waf"}  # fmt: skip
 """Programs of others, whose command lines are not ours to check."""
@@ -90,16 +92,28 @@ def taken(module: str, arguments: list[str], monkeypatch) -> argparse.Namespace:
     return found[0]
 
 
-def fits(overrides: list[str], config: object) -> None:
-    """Fail unless the scenario `config`, or any shipped one without it, takes the overrides."""
-    shipped, refused = sorted(file.stem for file in config_folder().glob("*.toml")), []
-    for name in [str(config)] if str(config) in shipped or Path(str(config)).is_file() else shipped:
-        try:
-            load_scenario(name, overrides)
-            return
-        except ConfigError as error:
-            refused.append(str(error))
-    pytest.fail("\n".join(refused))
+SHIPPED = sorted(file.stem for file in config_folder().glob("*.toml"))
+
+
+def scenarios_of(page: str, args: argparse.Namespace) -> list[str]:
+    """The scenarios that must take the overrides of a command: the named one, or that of the page's runs.
+
+    README.md promises its commands for the runs of every scenario.
+    """
+    named = str(args.config or getattr(args, "run", "cruise"))
+    if named in SHIPPED or Path(named).is_file():
+        return [named]
+    other = OTHER_RUNS.get(page, "cruise")
+    return SHIPPED if page == "README.md" else [other if other in SHIPPED else f"{other}.toml"]
+
+
+def fits(overrides: list[str], config: str) -> str:
+    """Why the scenario `config` does not take the overrides; empty if it does."""
+    try:
+        load_scenario(config, overrides)
+    except ConfigError as error:
+        return str(error)
+    return ""
 
 
 @pytest.mark.parametrize("found", COMMANDS, ids=lambda found: f"{found.page}: {found.line[:60]}")
@@ -130,9 +144,27 @@ def test_the_parser_of_a_documented_command_takes_it(found, monkeypatch, capsys,
         assert ended.code == 0, capsys.readouterr().err  # 0: --help
         return
     if "config" in args and module.startswith("rl.") and getattr(args, "overrides", ()):
-        _stand_ins(found.page, tmp_path)
+        for page in (found.page, "docs/tutorials/mission.md"):
+            _stand_ins(page, tmp_path)
         monkeypatch.chdir(tmp_path)
-        fits([text.replace("=N", "=1") for text in args.overrides], args.config)
+        given = [text.replace("=N", "=1") for text in args.overrides]
+        assert not [why for name in scenarios_of(found.page, args) if (why := fits(given, name))]
+
+
+def test_overrides_of_the_text_fit_a_scenario(tmp_path, monkeypatch):
+    """`--set KEY=VALUE ...` and `sea.KEY=VALUE` between backticks, which name no command."""
+    _stand_ins("docs/tutorials/mission.md", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    refused = {}
+    for page in PAGES:
+        for text in OVERRIDES.findall(FENCE.sub("", page.read_text(encoding="utf-8"))):
+            words = [word for word in shlex.split(text) if word != "--set"]
+            of_vehicle = any(word.startswith("actions=") for word in words)
+            whole = all(re.search(r"=(?!\.\.\.|\[?FILE|VALUE|N$).", word) for word in words)
+            if whole and not of_vehicle and page.name != "extending.md":  # which adds terms
+                why = [fits(words, name) for name in (*SHIPPED, "buoy.toml")]
+                refused |= {(page.name, text): why[0]} if all(why) else {}
+    assert not refused
 
 
 def test_no_block_without_a_language_hides_a_command():
@@ -153,6 +185,8 @@ NEEDS = {
     "--live": "a viewer: test_live.py",
     "--watch": "a viewer: test_watch.py",
     "taichi-sim score": "policies that fit its tasks: test_benchmark_tasks.py, test_interfaces.py",
+    "hydrodynamics cat.stl": "a hull's drawing: test_hydrodynamics.py",
+    "fit cat.toml": "logs of a boat: test_fit.py",
     "HOST": "several machines: test_processes.py",
     "esso_osaka": "logs of others",
     "00000012.bin": "a log of an autopilot: test_fit.py",
@@ -162,6 +196,7 @@ OWN_TEST = ("docs/tutorials/", "CONTRIBUTING.md")  # test_tutorials.py; tools of
 SHORT = {
     "rl.commands.evaluate": ("--episodes", "2"),
     "rl.commands.play": ("--duration", "1"),
+    "rl.commands.tune": ("--rounds", "1", "--candidates", "2", "--episodes", "4"),
     "tools.compare": ("--episodes", "2"),
     "tools.hydrodynamics": ("--divisions", "3", "--frequencies", "6", "--range", "1.2", "3.2"),
 }
@@ -182,6 +217,7 @@ def _stand_ins(page: str, folder: Path) -> None:
         shutil.copy(file, folder)
     shutil.copy(config_folder() / "paper.toml", folder / "my.toml")
     barge = (config_folder() / "vehicles" / "barge.toml").read_text(encoding="utf-8")
+    write_hull(folder / "cat.toml", like="wamv")
     (folder / "my_boat.toml").write_text(barge.replace("barge.hydro", "my_boat.hydro"), encoding="utf-8")
 
 

@@ -275,6 +275,28 @@ def test_a_process_leaves_what_it_compiled_to_the_next_one(tmp_path):
     assert (cache / kernel).stat().st_mtime_ns == written  # read, not compiled again
 
 
+@pytest.mark.parametrize("changes", [{"KEPT_KERNELS": "nothing"}, {"LONG": 0.0}], ids=["none kept", "long"])
+def test_compiling_is_told_once(changes, monkeypatch, capsys):
+    """Where no kernels are kept, and where one takes long; kept ones that are read are not told of."""
+
+    @ti.kernel
+    def add(x: runtime.array1, number: ti.template()):
+        for i in x:
+            x[i] += number
+
+    launcher, x = runtime.Launcher(add), torch.zeros(3)
+    monkeypatch.setattr(runtime, "_told", False)
+    for name, value in changes.items():
+        monkeypatch.setattr(runtime, name, value)
+    for number in (1, 2):
+        launcher(x, number)
+    assert capsys.readouterr().err.count("compiling kernels") == 1
+    monkeypatch.undo()
+    launcher(x, 3)
+    assert capsys.readouterr().err == ""
+    assert x.tolist() == [6.0, 6.0, 6.0]
+
+
 def test_a_fleet_goes_on_in_another_program():
     """Packs and launches are made anew: more threads, the same bits."""
     states = []

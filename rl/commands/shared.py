@@ -81,6 +81,14 @@ def tell_corrected(config) -> None:
         print(f"a classical controller acts with the policy of {teams} (residual.velocity > 0)", file=sys.stderr)
 
 
+def tell_replaced(config, overrides: list[str]) -> None:
+    """Print what changed in the scenario with the vehicles that `overrides` have set, once for all processes."""
+    from rl.runs import ranks
+
+    if ranks.here().first and any(text.partition("=")[0].strip().endswith(".vehicle") for text in overrides):
+        print("\n  ".join(("another vehicle:", *config.replaced)), file=sys.stderr)
+
+
 def add_run(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of commands on policies: RUN, --policy, --controller, --seed, --config, and the common ones."""
     parser.add_argument(
@@ -143,6 +151,7 @@ def scenario_of(args: argparse.Namespace):
 def open_run(args: argparse.Namespace):
     """Start Taichi; return the scenario of the arguments, its file, the teams' policies, the seed of the episodes."""
     config, source = scenario_of(args)
+    tell_replaced(config, args.overrides)
     start(args)
     of_worlds = config.evaluation.seed if args.seed is None else args.seed
     if args.controller == "plan":
@@ -194,6 +203,7 @@ def open_both(args: argparse.Namespace):
     if not is_run(args.run):
         raise RunError(f"{args.run}: a sweep is written into a run's folder, and this is none")
     config, source = scenario_of(args)
+    tell_replaced(config, args.overrides)
     start(args)
     rival: str = {"policy": "classical", "plan": "oracle"}.get(args.controller) or args.controller
     controllers = {kind: controllers_of(args, kind, config, source) for kind in ("policy", rival)}

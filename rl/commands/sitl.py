@@ -92,6 +92,7 @@ def serve(args: argparse.Namespace) -> None:
 
     source = find_config(args.config)
     config = load_scenario(source, args.overrides)
+    shared.tell_replaced(config, args.overrides)
     places = read_autopilots(args.autopilot, config)
     if not places:
         raise ConfigError("--autopilot: name at least one vehicle, for example --autopilot usv.0=9002")

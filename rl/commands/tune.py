@@ -14,6 +14,7 @@ if __package__ in (None, ""):  # run as a script: the packages are beside this f
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
     from rl.commands import shared
+    from taichi_sim.config.io import output
 
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("config", metavar="SCENARIO", help="a file, or the name of a shipped scenario")
@@ -25,7 +26,9 @@ def parser() -> argparse.ArgumentParser:
         "--episodes", type=shared.positive_int, default=128, help="episodes of each candidate (default: 128)"
     )
     p.add_argument("--seed", type=shared.seed, default=0, help="seed of worlds, episodes and candidates (default: 0)")
-    p.add_argument("--write", action="store_true", help="write the numbers into the scenario's file")
+    written = p.add_mutually_exclusive_group()
+    written.add_argument("--write", action="store_true", help="write the numbers into the scenario's file")
+    written.add_argument("--out", type=output, metavar="FILE", help="a new file: the scenario, overridden and tuned")
     shared.add_common(p)
     return p
 
@@ -38,7 +41,7 @@ def main(argv: list[str] | None = None) -> None:
     from rl.commands import shared
     from rl.evaluation.episodes import mission_class
     from rl.missions import load_scenario
-    from rl.runs.tune import summary, tune, write_numbers
+    from rl.runs.tune import summary, tune, write_numbers, write_scenario
     from taichi_sim.config import ConfigError
     from taichi_sim.config.io import find_config, refuse_unwritable
 
@@ -48,6 +51,7 @@ def main(argv: list[str] | None = None) -> None:
         raise ConfigError(f"--team {args.team}: there is no such team; allowed are {', '.join(config.teams)}")
     if args.write:
         refuse_unwritable(source)
+    shared.tell_replaced(config, args.overrides)
     shared.start(args)
     tuned = tune(
         config,
@@ -65,6 +69,8 @@ def main(argv: list[str] | None = None) -> None:
     if args.write:
         runs = f"{args.rounds} rounds of {args.candidates} x {args.episodes} episodes, seed {args.seed}"
         write_numbers(source, args.team, tuned.numbers, f"found by taichi-sim tune: {runs}")
+    if args.out:
+        write_scenario(args.out, config, source, args.team, tuned.numbers)
 
 
 if __name__ == "__main__":

@@ -70,6 +70,9 @@ class AvoidanceGains(Strict):
     """Gains of avoidance. Controllers add their own; `[TEAM.control]` of a scenario sets them, and taichi-sim tune
     tunes."""
 
+    lengths: ClassVar[tuple[str, ...]] = ("berth", "margin")
+    """Gains that a vehicle of another size scales by its length."""
+
     acceleration: Positive  # a, m/s^2
     horizon: Positive = 8.0  # s
     berth: Positive = 3.0  # m, beyond contact with an obstacle

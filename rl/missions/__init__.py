@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from rl.mission import Mission
+from rl.missions.other_vehicle import fit_other_vehicles
 from rl.scenario import Scenario, at_stage
 from taichi_sim.config import ConfigError
 from taichi_sim.config.explain_errors import source_of
@@ -48,6 +49,7 @@ def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = (), the
         kind = find_mission(data.get("mission", Scenario.model_fields["mission"].default), [file.parent])
     except ConfigError as error:
         raise ConfigError(f"{sources.get('mission', file)}: mission = {error}") from None
+    fit_other_vehicles(data, overrides + then, file, kind.Config)
     sources = apply_overrides(data, overrides, kind.Config)
     sources |= apply_overrides(data, then, kind.Config)
     resolve_files(data, file, sources)

@@ -7,6 +7,7 @@ it with the start. The mission defines the loss (`Judge.loss`).
 """
 
 import math
+import os
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -22,7 +23,7 @@ from rl.missions import make_mission
 from rl.scenario import Scenario, derive_seed
 from rl.team import ControllerError
 from taichi_sim.config import ConfigError, Strict
-from taichi_sim.config.io import replacing
+from taichi_sim.config.io import config_folder, replacing, vehicle_file, write_toml
 from taichi_sim.kernels import runtime
 from taichi_sim.vehicle import Vehicle
 
@@ -131,6 +132,18 @@ def write_numbers(file: Path, team: str, numbers: Mapping[str, float], comment: 
         text = text.rstrip("\n") + "\n\n" + section
     with replacing(file) as part:
         part.write_text(text, encoding="utf-8")
+
+
+def write_scenario(out: Path, config: Scenario, source: Path, team: str, numbers: Mapping[str, float]) -> None:
+    """Write `config`, read from the file `source`, with `[TEAM.control]` as a new scenario file `out`."""
+    sections = {}
+    for name, section in config.teams.items():
+        file = vehicle_file(section, source)
+        shipped = file.parent == config_folder() / "vehicles"
+        changed: dict[str, object] = {"vehicle": file.stem if shipped else os.path.relpath(file, out.parent)}
+        sections[name] = section.model_copy(update=changed | ({"control": dict(numbers)} if name == team else {}))
+    with replacing(out) as part:
+        write_toml(config.model_copy(update=sections), part)
 
 
 def summary(tuned: Tuned, line: Callable[[dict[str, float | None]], str]) -> str:

@@ -3,7 +3,9 @@
 import argparse
 import contextlib
 import errno
+import math
 import os
+import sys
 import tempfile
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
@@ -17,7 +19,7 @@ from taichi_sim.config.base import ConfigError, Strict, Table
 from taichi_sim.config.explain_errors import explain, nearly, source_of
 from taichi_sim.config.files import resolve_files
 from taichi_sim.config.sea import is_measured
-from taichi_sim.config.vary import FIXED_BY, flattened, with_range
+from taichi_sim.config.vary import CONDITIONS, FIXED_BY, flattened, with_range
 from taichi_sim.config.world import TeamConfig, WorldConfig
 
 Model = TypeVar("Model", bound=Strict)
@@ -60,7 +62,8 @@ def load_world(path: str | Path = "paper", overrides: Iterable[str] = ()) -> Wor
         ConfigError: for any mistake; the message names file, key, value and what is allowed.
     """
     file = find_config(path)
-    data = read_toml(file)
+    data, overrides = read_toml(file), list(overrides)
+    drop_ranges(data, map(key_of, overrides))
     sources = apply_overrides(data, overrides)
     teams = {key: value for key, value in data.items() if isinstance(value, dict) and nearly("vehicle", value)}
     resolve_files(data, file, sources)
@@ -220,7 +223,7 @@ def apply_overrides(data: Table, overrides: Iterable[str], kind: type[WorldConfi
         key, (_, equals, value) = key_of(text), text.partition("=")
         if not equals or not all(key.split(".")):
             raise ConfigError(f"--set {text}: expected KEY=VALUE, for example --set usv.count=5")
-        values[key], sources[key] = _parse_value(value.strip()), f"--set {text}"
+        values[key], sources[key] = parse_value(value.strip()), f"--set {text}"
     set_values(data, values, kind, sources)
     return sources
 
@@ -241,6 +244,9 @@ def set_values(data: Table, values: Mapping[str, object], kind: type[WorldConfig
             sea.pop("components", None)  # they belong to another spectrum
     for section in dict.fromkeys(key.rpartition(".")[0] for key in keys):
         _take_other_ways_back(data, section, keys, kind)
+    for section in ("sea", "sea.swell"):
+        if f"{section}.hs" in values and f"{section}.tp" not in values:
+            _keep_steepness(data, section, values[f"{section}.hs"])
     for key in keys:
         _take_variation_back(data, key)
     for key, value in values.items():
@@ -273,14 +279,34 @@ def _take_other_ways_back(data: Table, section: str, keys: list[str], kind: type
         del node["spectrum"]
 
 
+def _keep_steepness(data: Table, section: str, hs: object) -> None:
+    """Give the waves of `section` the period with which a new height `hs` (m) has the steepness of the old one.
+
+    Without a period beside the old height, the section's own default follows the new height (`SeaConfig`).
+    """
+    node: object = data
+    for part in section.split("."):
+        node = node.get(part) if isinstance(node, dict) else None
+    old, tp = (node.get(key) for key in ("hs", "tp")) if isinstance(node, dict) else (None, None)
+    given = [x for x in (hs, old, tp) if isinstance(x, int | float) and x > 0]
+    if isinstance(node, dict) and len(given) == 3:  # others are judged where they are read
+        shortest, longest = CONDITIONS["sea.tp"]
+        node["tp"] = min(max(given[2] * math.sqrt(given[0] / given[1]), shortest), longest)
+
+
 def _take_variation_back(data: Table, key: str) -> None:
-    """Remove the range of an overridden value: a condition of sea or air, or numbers of another vehicle."""
-    fixed, (section, _, name) = {key, *FIXED_BY.get(key, ())}, key.partition(".")
+    """Remove the range of an overridden condition of sea or air."""
+    fixed = {key, *FIXED_BY.get(key, ())}
     if isinstance(ranges := data.get("vary"), dict):
         kept = flattened(ranges).items()
         data["vary"] = {k: v for k, v in kept if k not in fixed and not k.startswith(f"{key}.")}
-    if name == "vehicle" and isinstance(team := data.get(section), dict):
-        team.pop("vary", None)
+
+
+def drop_ranges(data: Table, keys: Iterable[str]) -> None:
+    """Remove `[TEAM.vary]`, of the old vehicle's numbers, of teams that get another one: TEAM.vehicle in `keys`."""
+    for team in (key.removesuffix(".vehicle") for key in keys if key.endswith(".vehicle")):
+        if isinstance(section := data.get(team), dict) and section.pop("vary", None):
+            print(f"{team}.vary: its ranges were of another vehicle, and are dropped", file=sys.stderr)
 
 
 def _set_value(data: Table, key: str, value: object, kind: type[WorldConfig], source: str) -> None:
@@ -299,7 +325,8 @@ def _set_value(data: Table, key: str, value: object, kind: type[WorldConfig], so
     node[parts[-1]] = value
 
 
-def _parse_value(text: str) -> object:
+def parse_value(text: str) -> object:
+    """The value of an override: TOML, or else the text itself."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:

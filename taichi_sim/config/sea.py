@@ -97,8 +97,8 @@ def _spectrum(value: str) -> str:
 Spectrum = Annotated[str, AfterValidator(_spectrum)]  # one of SPECTRA, or a file
 
 Height = Annotated[float, Field(ge=0, le=15)]  # significant wave height, m; 0 is a calm sea
-SHORTEST = 0.1  # s: shorter waves are capillary
-Period = Annotated[float, Field(ge=SHORTEST, le=30)]  # peak period, s
+SHORTEST, LONGEST = 0.1, 30.0  # s: shorter waves are capillary, longer ones are not raised by wind
+Period = Annotated[float, Field(ge=SHORTEST, le=LONGEST)]  # peak period, s
 Peakedness = Annotated[float, Field(ge=1, le=10)]  # gamma of JONSWAP
 SpreadingExponent = Annotated[float, Field(gt=0, le=200)]  # s of cos^2s; larger is narrower
 ComponentCount = Annotated[int, Field(ge=1, le=MAX_COMPONENTS)]
@@ -111,7 +111,7 @@ class SwellConfig(Strict):
     """
 
     hs: Height
-    tp: Period
+    tp: Period | None = None  # omitted: that of a swell of the height `hs` (wind_sea.py)
     gamma_js: Peakedness = 5.0
     direction_deg: Finite = 0.0  # mean direction the swell travels to, clockwise from north
     spreading_s: SpreadingExponent = 50.0
@@ -121,7 +121,7 @@ class SwellConfig(Strict):
 class SeaConfig(Strict):
     """`[sea]`: a directional sea of Gerstner components. Its size is given in exactly one way:
 
-    - `hs` and `tp`;
+    - `hs` and `tp`, or `hs` alone: a developed sea of that height;
     - `sea_state`, WMO code 0 to 8: middle of the code's heights, period of the fully developed sea;
     - `wind_speed` and `fetch`: growing JONSWAP sea (`spectrum = "jonswap"`);
     - `wind_speed` alone: fully developed sea (`spectrum = "pierson_moskowitz"`, which is then the default);
@@ -175,7 +175,7 @@ class SeaConfig(Strict):
     @model_validator(mode="after")
     def _one_size(self):
         ways = {
-            "hs and tp": (self.hs, self.tp),
+            "hs" if self.tp is None else "hs and tp": (self.hs, self.tp),
             "sea_state": (self.sea_state,),
             "wind_speed (with fetch for a growing sea)": (self.wind_speed, None if self.follows_wind else self.fetch),
             "follows_wind": (self.follows_wind or None,),
@@ -192,9 +192,8 @@ class SeaConfig(Strict):
                 f"the size of the sea is given {len(named)} times, by {', by '.join(named)}: "
                 "keep one and remove the others"
             )
-        if (self.hs is None) != (self.tp is None):
-            given, missing = ("hs", "tp") if self.tp is None else ("tp", "hs")
-            raise ValueError(f"{given} is given without {missing}: give both")
+        if self.hs is None and self.tp is not None:
+            raise ValueError("tp is given without hs: give both")
         windy = self.wind_speed is not None or self.follows_wind
         if self.fetch is not None and not windy:
             raise ValueError("fetch is given without wind_speed: give both")

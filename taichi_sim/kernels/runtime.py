@@ -89,6 +89,8 @@ class Runtime:
 PATCHED = not os.environ.get("TAICHI_SIM_NO_PATCHES")
 """Whether this process changes Taichi's own code (taichi_patches.py)."""
 CACHE = "TI_OFFLINE_CACHE_FILE_PATH"  # environment variable: Taichi's folder of compiled kernels
+KEPT_KERNELS = "ticache.tcb"  # Taichi's list of them, in that folder
+LONG = 3.0  # s; a kernel that is kept is read in less
 _own_cache: str | None = None  # a temporary one, of a process that cannot write to that
 _current: Runtime | None = None
 _generation = 0  # number of the Taichi program; kernels compiled in an earlier one are gone
@@ -390,6 +392,28 @@ def without_passes() -> Iterator[None]:
         config.opt_level = level
 
 
+_told = os.environ.get("RANK", "0") != "0"  # whether this process, or the first of several, has said that it compiles
+
+
+def _tell_compiling(place: Path) -> None:
+    """Say once in a process, for several of one job, that kernels are compiled and kept in `place`."""
+    global _told
+    if not _told:
+        _told = True
+        print(f"compiling kernels, a minute or so for each kind of vehicle; they are kept in {place}", file=sys.stderr)
+
+
+@contextlib.contextmanager
+def _telling() -> Iterator[None]:
+    """Say that a kernel is compiled in this context: at once where none are kept yet, or after LONG."""
+    place, begin = Path(impl.current_cfg().offline_cache_file_path), time.perf_counter()
+    if not (place / KEPT_KERNELS).exists():
+        _tell_compiling(place)
+    yield
+    if time.perf_counter() - begin > LONG:
+        _tell_compiling(place)
+
+
 class _Bound(NamedTuple):
     """Arguments of a launch, and the form in which Taichi takes them."""
 
@@ -468,7 +492,8 @@ class Launcher:
             with without_passes() if self._plain else contextlib.nullcontext():
                 key = self._primal.ensure_compiled(*self._owner, *args)
                 kernel, program = self._primal.compiled_kernels[key], impl.get_runtime().prog
-                compiled = program.compile_kernel(program.config(), program.get_device_caps(), kernel)
+                with _telling():
+                    compiled = program.compile_kernel(program.config(), program.get_device_caps(), kernel)
             self._compiled[form] = kernel, compiled
         kernel, compiled = self._compiled[form]
         context = kernel.make_launch_context()

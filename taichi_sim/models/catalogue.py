@@ -22,6 +22,8 @@ from taichi_sim.vehicle import DEFAULT_STEP, LARGEST_STEP, Vehicle
 # Vehicles with the same numbers share one model and its compiled kernel, because models hold no state.
 _models: dict[tuple, Vehicle] = {}
 
+SHORT_STEP = 1e-3  # s, at which every vehicle is stable; assumed
+
 MODELS: dict[str, type[Vehicle]] = {
     "unity_boat": UnityBoat,
     "manoeuvring_3dof": Manoeuvring3dof,
@@ -82,6 +84,22 @@ def load_vehicle(
         except ConfigError as error:
             raise type(error)(f"{file}: {error}") from None
     return _models[key]
+
+
+def describe(file: Path, source: Path | None = None) -> Vehicle:
+    """Model of a vehicle file to ask for its size, limits and numbers, not to step.
+
+    Vessels do without Taichi; the trim of aircraft starts it.
+
+    Raises:
+        ConfigError: as `load_vehicle`.
+    """
+    data = read_toml(file)
+    model = find_model(data.pop("model", None), file, source)
+    _resolve_files(data, model.file_keys, file.parent)
+    if model.medium == "air":
+        runtime.current()
+    return model(validate(model.Params, data, str(file)), SHORT_STEP, 1)
 
 
 def step_of(file: Path) -> float:

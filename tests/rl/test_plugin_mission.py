@@ -5,9 +5,9 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-import onnxruntime
 import pytest
 import torch
+from command_line import onnx_session
 from refusal import assert_says
 
 from rl.adapters.gymnasium import TeamVectorEnv
@@ -139,7 +139,7 @@ def test_exported_networks_carry_the_names(trained):
     extra = {"signature.json": ""}
     torch.jit.load(str(trained / "boats" / "policy.pt"), _extra_files=extra)
     assert json.loads(extra["signature.json"]) == {"observations": SEEN, "actions": DONE}
-    metadata = onnxruntime.InferenceSession(str(trained / "boats" / "policy.onnx")).get_modelmeta().custom_metadata_map
+    metadata = onnx_session(trained / "boats" / "policy.onnx").get_modelmeta().custom_metadata_map
     assert {key: json.loads(value) for key, value in metadata.items()} == {"observations": SEEN, "actions": DONE}
 
 

@@ -2,10 +2,9 @@
 
 import json
 
-import onnxruntime
 import pytest
 import torch
-from command_line import TINY, sets, tiny_run
+from command_line import TINY, onnx_session, sets, tiny_run
 from small_missions import make
 from torch import nn
 
@@ -46,7 +45,7 @@ def test_a_shipped_evaluator_agrees_with_onnxruntime(boats, tmp_path):
     file = tiny_run() / "usv" / "policy.onnx"
     rows = torch.randn(64, read_onnx(file)._inputs or 0)
     policy = read_onnx(file)
-    session = onnxruntime.InferenceSession(str(file))
+    session = onnx_session(file)
     wanted = torch.from_numpy(session.run(None, {"obs": rows.numpy()})[0])
     torch.testing.assert_close(torch.from_numpy(policy._rows(rows)), wanted, atol=1e-6, rtol=0)
 

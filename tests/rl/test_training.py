@@ -8,10 +8,9 @@ import shutil
 from pathlib import Path
 
 import numpy as np
-import onnxruntime
 import pytest
 import torch
-from command_line import ITERATIONS, TEAMS, TINY, command, content, sets, tiny_config, tiny_run
+from command_line import ITERATIONS, TEAMS, TINY, command, content, onnx_session, sets, tiny_config, tiny_run
 from rerun.chunk import RrdReader
 from rosbags.highlevel import AnyReader
 from rsl_rl.utils import wandb_log_writer
@@ -154,7 +153,7 @@ def test_exported_networks_act_as_the_policy(team, trained):
     assert expected.abs().max() <= 1 and expected.std() > 0
     script = torch.jit.load(str(trained / team / "policy.pt"))
     torch.testing.assert_close(script(seen), expected, rtol=0, atol=1e-5)
-    session = onnxruntime.InferenceSession(str(trained / team / "policy.onnx"))
+    session = onnx_session(trained / team / "policy.onnx")
     (name,) = [i.name for i in session.get_inputs()]
     for rows in (1, 7, 1000):
         (actions,) = session.run(None, {name: seen[:rows].numpy()})

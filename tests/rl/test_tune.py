@@ -3,11 +3,13 @@
 import tomllib
 
 import pytest
+from named_thrusters import write_hull
 
 from rl.guidance.controllers.unity import UnityBoatGains
 from rl.missions import load_scenario
-from rl.runs.tune import tune, write_numbers
+from rl.runs.tune import tune, write_numbers, write_scenario
 from taichi_sim.config import ConfigError
+from taichi_sim.config.io import find_config, vehicle_file
 
 TINY = (
     "track.worlds=8", "sea.realisations=4", "obstacles.count=0", "episode_duration=12", "evaluation.settle=6",
@@ -44,3 +46,20 @@ def test_numbers_go_into_the_file_and_nothing_else_changes(tmp_path):
     assert len(first.splitlines()) + 1 == len(text.splitlines())
     assert tomllib.loads(text)["usv"]["control"] == {"horizon": 5.5, "lean": 0.1}
     assert UnityBoatGains(**tomllib.loads(text)["usv"]["control"]).horizon == 5.5
+
+
+def test_a_new_scenario_has_the_numbers_and_every_override(tmp_path, monkeypatch):
+    """Another vehicle of one's own too, found from the new file's folder, with the list of what changed."""
+    monkeypatch.chdir(tmp_path)
+    write_hull(tmp_path / "cat.toml")
+    config, out = load_scenario("cruise", ["usv.vehicle=cat.toml", "seed=7"]), tmp_path / "mine" / "cat_cruise.toml"
+    out.parent.mkdir()
+    write_scenario(out, config, find_config("cruise"), "usv", {"horizon": 4.5})
+    again = load_scenario(out)
+    assert again.formations["usv"].control == {"horizon": 4.5}
+    assert vehicle_file(again.teams["usv"], out).samefile("cat.toml")
+    same = {name: config.formations[name].model_copy(update={"vehicle": "", "control": {}}) for name in config.teams}
+    for name, section in same.items():
+        assert again.formations[name].model_copy(update={"vehicle": "", "control": section.control}) == section
+    assert (again.replaced, again.seed, again.stages) == (config.replaced, 7, config.stages)
+    assert "cat in place of otter" in again.replaced[0]

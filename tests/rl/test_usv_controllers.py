@@ -7,13 +7,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from named_thrusters import write_hull
 from phases import due
 from torch import Tensor
 
 from rl.evaluation.episodes import judge_episodes
 from rl.guidance import avoidance
 from rl.guidance.controllers import vessel
-from rl.guidance.controllers.vessel import Hull6DofController, Load, Resistance, hull_dynamics, loops, shaft, shares
+from rl.guidance.controllers.vessel import (
+    Hull6DofController,
+    Load,
+    Resistance,
+    Steering,
+    hull_dynamics,
+    loops,
+    pair_limits,
+    shaft,
+    shares,
+)
 from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario
 from rl.missions.formation.mission import Formation
@@ -35,6 +46,13 @@ def left_right(tmp_path_factory) -> str:
     file.write_text((VEHICLES / "otter.toml").read_text().replace('"surge_yaw"   ', '"left_right"   '))
     shutil.copy(VEHICLES / "otter.hydro.json", file.parent)
     return str(file)
+
+
+@pytest.fixture(scope="module")
+def named_thrusters(tmp_path_factory) -> dict[str, str]:
+    """Return Otters with named thrusters, by kind."""
+    folder = tmp_path_factory.mktemp("vehicles")
+    return {kind: str(write_hull(folder / f"{kind}.toml", kind)) for kind in ("azimuth", "fixed", "tunnel")}
 
 
 def make(*overrides: str, vehicle: str = "otter", envs: int = 4, seed: int = 3) -> Formation:
@@ -84,7 +102,7 @@ def test_steady_motion_meets_the_resistance():
 
 def otter():
     model = make(*CALM).teams["usv"].fleet.model
-    return model, hull_dynamics(model, model.params.thrusters)
+    return model, hull_dynamics(model, *pair_limits(model.params.thrusters))
 
 
 def test_otter_is_what_was_published():
@@ -160,6 +178,23 @@ def test_tracks_in_calm_water(vehicle, overrides, left_right):
     team = task.teams["usv"]
     load = team.controller.course.load(team, team.controller.wanted(team))
     assert load.X[:, 0].mean().item() == pytest.approx(77.554432 * SPEED, rel=0.05)
+
+
+@pytest.mark.parametrize("kind", ["azimuth", *(pytest.param(x, marks=pytest.mark.slow) for x in ("fixed", "tunnel"))])
+def test_a_hull_with_named_thrusters_tracks_in_calm_water(kind, named_thrusters):
+    """Within 15 cm of every slot after 60 s; loads of its actions are those it wants, within the thrusters' limits."""
+    task = make(*CALM, vehicle=named_thrusters[kind])
+    distances, gaps = sail(task, 65.0)
+    assert gaps.min() > 0
+    assert distances[300:].max() < 0.15
+    model = task.teams["usv"].fleet.model
+    steering = Steering.of(model)
+    load = Load(*torch.tensor([[40.0, 1e4, 40.0], [0.0, 0.0, 0.0], [10.0, -20.0, 1e4]]))
+    X, _, N = (steering.actions(load) * torch.tensor(model.wrench_max)).unbind(-1)
+    torch.testing.assert_close((X[0], N[0]), (load.X[0], load.N[0]))
+    assert X[1] / steering.thrust + abs(N[1]) / steering.moment == pytest.approx(1.0, rel=1e-5)  # the moment first
+    assert X[2] == 0 and N[2].item() == pytest.approx(steering.moment, rel=1e-5)
+    assert (steering.actions(load).abs() <= 1 + 1e-6).all()
 
 
 @pytest.mark.slow

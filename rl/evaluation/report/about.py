@@ -44,6 +44,9 @@ def about(run: Run) -> str:
     parts = table(("", run.name), [(text(a), text(b)) for a, b in rows], numbers=False)
     if run.summary is None:
         parts += missing("The training is not finished.", resuming(run.folder))
+    if config.replaced:
+        lines = "".join(f"<li>{text(line)}</li>" for line in config.replaced)
+        parts += f"<h3>Another vehicle</h3><ul>{lines}</ul>"
     return parts
 
 

@@ -26,11 +26,16 @@ CONTROLLERS: dict[type[Vehicle], type[SlotController]] = {
 }
 
 
+def controller_class(model: Vehicle) -> type[SlotController] | None:
+    """The class of the controller of a vehicle's `model`; None if there is none here."""
+    return next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
+
+
 def controller_of(model: Vehicle, gains: Mapping[str, float], key: str) -> SlotController | None:
     """The controller of a vehicle's `model` with `gains`; None if there is none.
 
     Raises:
         ConfigError: for unknown gains, by the scenario's `key`.
     """
-    kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
+    kind = controller_class(model)
     return None if kind is None else kind(model, validate(kind.Gains, dict(gains), key))

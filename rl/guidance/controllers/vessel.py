@@ -37,6 +37,7 @@ from taichi_sim.kernels.packs import values_at
 from taichi_sim.kernels.rotation import HEADING_COS
 from taichi_sim.kernels.runtime import array3
 from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof
+from taichi_sim.models.usv.hull.thruster_set import moment_alone
 from taichi_sim.models.usv.hull.thrusters import PropellerPair
 from taichi_sim.models.usv.manoeuvring_3dof import Manoeuvring3dof, Manoeuvring3dofParams
 from taichi_sim.models.usv.vessel_base import steady_speed
@@ -53,6 +54,7 @@ COURSE_TIME = 8.0  # s of the integral of the course error; assumed
 COURSE_ERROR = 0.5  # sine of the course error: larger ones are turns; assumed
 DRIFT_SHARE = 0.2  # of the top speed, the greatest drift; assumed
 EVADING = 1e-3  # m/s: less of a change by avoidance is rounding
+NO_SWAY = 1e-9  # 1/m: less of a sway force with a moment is rounding
 NO_LIMIT = 1e6  # rad/s, of a vessel that nothing keeps from turning
 MOST = 1e6  # m/s: a greater drift is that of a state that is not finite
 SLOT, SHARE = 2, 4  # columns of what leads to the slots, behind the velocity
@@ -386,10 +388,11 @@ class CourseController(SlotController):
 
 
 class Hull6DofController(CourseController):
-    """Acts for a team of hulls with two propellers.
+    """Acts for a team of hulls with two propellers, or with thrusters that a wrench commands.
 
-    Half the difference of the two thrusts makes the moment, their mean the surge force. The moment has priority: the
-    mean is limited so that both propellers stay within their range with the desired difference.
+    Half the difference of two propellers' thrusts makes the moment, their mean the surge force. The moment has
+    priority: the mean is limited so that both propellers stay within their range with the desired difference. A wrench
+    is allocated to the thrusters by the vehicle (`Steering`).
     """
 
     Gains = Hull6DofGains
@@ -398,19 +401,27 @@ class Hull6DofController(CourseController):
         """Compute what follows from the parameters of `model` and the `gains`.
 
         Raises:
-            ControllerError: if it has no propellers, or is not commanded by them.
+            ControllerError: if it has no thrusters, or is not commanded by them together.
         """
-        if model.params.thrusters is None or model.params.actions not in ("surge_yaw", "left_right"):
+        self.actions, self.gains = model.params.actions, gains or Hull6DofGains()
+        self.steering = Steering.of(model) if self.actions == "wrench" else None
+        if model.params.thrusters is not None and self.actions in ("surge_yaw", "left_right"):
+            self.thrusters = t = model.params.thrusters
+            thrust, moment = pair_limits(t)
+        elif self.steering is not None and min(self.steering.thrust, self.steering.moment) > 0:
+            thrust, moment = self.steering.thrust, self.steering.moment
+        else:
             raise ControllerError(
-                "the classical controller of a hull_6dof needs two propellers, [thrusters], with actions = "
-                '"surge_yaw" or "left_right"'
+                "the classical controller of a hull_6dof needs thrusters that drive and turn it, commanded together: "
+                '[thrusters], with actions = "surge_yaw" or "left_right", or [actuators.NAME], with actions = "wrench"'
             )
-        self.thrusters, self.actions = model.params.thrusters, model.params.actions
-        self.gains = gains or Hull6DofGains()
-        self.course = self.remember(Course(hull_dynamics(model, self.thrusters), self.gains, model.dt * model.substeps))
+        dynamics = hull_dynamics(model, thrust, moment)
+        self.course = self.remember(Course(dynamics, self.gains, model.dt * model.substeps))
 
     def act(self, team: Knowledge, wanted: CourseCommand) -> Tensor:
-        """Actions [env, vehicle, 2] in [-1, 1]; 0 where they would be NaN, as for a state that is not finite."""
+        """Actions [env, vehicle, 2 or 3] in [-1, 1]; 0 where they would be NaN, as for a state that is not finite."""
+        if self.steering is not None:
+            return torch.nan_to_num(self.steering.actions(self.course.load(team, wanted))).clamp(-1.0, 1.0)
         left, right = shares(self.thrusters, self.course.load(team, wanted), astern=self.actions == "left_right")
         if self.actions == "left_right":
             action = torch.stack((shaft(self.thrusters, left), shaft(self.thrusters, right)), dim=-1)
@@ -422,17 +433,66 @@ class Hull6DofController(CourseController):
         return torch.nan_to_num(action).clamp(-1.0, 1.0)
 
 
-def hull_dynamics(model: Hull6Dof, thrusters: PropellerPair) -> VesselDynamics:
-    """The hull in the plane; cross-flow drag of pure sway and of pure yaw: L and L^4 / 32 in the strip integral."""
+class Steering(NamedTuple):
+    """How a hull with `actions = "wrench"` is steered: by surge force and moment, with the sway force that the least
+    thrust for the moment makes beside it.
+
+    So a boat with azimuth thrusters astern turns them, in place of driving one astern. The moment has priority: the
+    surge force is limited to the share of its range that the moment leaves. With azimuth thrusters it is never astern,
+    for they would have to turn about.
+    """
+
+    most: tuple[float, ...]  # X, Y (N), N (N m) of actions of 1
+    least: tuple[float, ...]  # of actions of -1
+    sway: float  # Y of a moment, 1/m
+    moment: float  # the largest to either side, N m
+    astern: float  # the least surge force, N
+
+    @property
+    def thrust(self) -> float:
+        """The largest surge force, N."""
+        return self.most[0]
+
+    @classmethod
+    def of(cls, model: Hull6Dof) -> "Steering":
+        """Of a hull whose actions are a wrench."""
+        thrusters, most, least = model.thrusters.thrusters, model.wrench_max, model.wrench_min
+        sway, moment = moment_alone(thrusters)
+        limits = [moment, most[2], -least[2]]
+        limits += [min(most[1], -least[1]) / abs(sway)] if abs(sway) > NO_SWAY else []
+        azimuth = any(thruster.azimuth for thruster in thrusters)
+        return cls(most, least, sway, min(limits), 0.0 if azimuth else least[0])
+
+    def actions(self, load: Load) -> Tensor:
+        """Actions [env, vehicle, 3] that make `load` as far as the thrusters can."""
+        N = load.N.clamp(-self.moment, self.moment)
+        left = 1.0 - N.abs() / self.moment
+        X = torch.minimum(torch.maximum(load.X, self.astern * left), self.thrust * left)
+        shares = [
+            torch.where(value > 0, value / (most or 1.0), value / (-least or 1.0))
+            for value, most, least in zip((X, self.sway * N, N), self.most, self.least, strict=True)
+        ]
+        return torch.stack(shares, dim=-1)
+
+
+def hull_dynamics(model: Hull6Dof, thrust: float, moment: float) -> VesselDynamics:
+    """The hull in the plane, with the largest surge force (N) and moment (N m) of its thrusters.
+
+    Cross-flow drag of pure sway and of pure yaw: L and L^4 / 32 in the strip integral.
+    """
     h, M = model.params.hydrodynamics, model.slow_mass
     section = 0.5 * h.cross_flow_density * h.cross_flow_draft * h.cross_flow_coefficient
     L = h.cross_flow_length
     return VesselDynamics(
         m11=float(M[0, 0]), m22=float(M[1, 1]), m33=float(M[5, 5]), surge=Resistance(h.linear[0], h.quadratic[0]),
         sway=Resistance(h.linear[1], h.quadratic[1] + section * L),
-        yaw=Resistance(h.linear[5], h.quadratic[5] + section * L**4 / 32), thrust=2 * thrusters.thrust_max,
-        moment=_arm(thrusters) * (thrusters.thrust_max - thrusters.thrust_min),
+        yaw=Resistance(h.linear[5], h.quadratic[5] + section * L**4 / 32), thrust=thrust, moment=moment,
     )  # fmt: skip
+
+
+def pair_limits(t: PropellerPair) -> tuple[float, float]:
+    """Largest surge force (N) and moment (N m) of two propellers."""
+    return 2 * t.thrust_max, _arm(t) * (t.thrust_max - t.thrust_min)
 
 
 def shares(t: PropellerPair, load: Load, *, astern: bool) -> tuple[Tensor, Tensor]:

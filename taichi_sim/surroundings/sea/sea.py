@@ -24,7 +24,7 @@ from taichi_sim.surroundings.sea import query_kernels
 from taichi_sim.surroundings.sea.measured import MeasuredSystem, WaveRecord, records_of
 from taichi_sim.surroundings.sea.sampling import System, WaveSystem, draw_components
 from taichi_sim.surroundings.sea.spectrum import Components, jonswap
-from taichi_sim.surroundings.sea.wind_sea import SeaSize, sea_size, sea_state
+from taichi_sim.surroundings.sea.wind_sea import SeaSize, sea_size, sea_state, swell_size
 
 DEEP = -1.0  # value of the depth of deep water in kernels
 STEEPEST = 1 / 15  # significant steepness
@@ -93,7 +93,7 @@ def wave_systems(
     else:
         systems.append(_system(config, size or sea_size(config), heading, gamma))
     if swell := config.swell:
-        systems.append(_system(swell, SeaSize(swell.hs, swell.tp), swell.direction_deg, swell.gamma_js))
+        systems.append(_system(swell, swell_size(swell), swell.direction_deg, swell.gamma_js))
     return systems
 
 

@@ -23,7 +23,7 @@ import math
 from typing import NamedTuple
 
 from taichi_sim.config import SeaConfig
-from taichi_sim.config.sea import SHORTEST
+from taichi_sim.config.sea import LONGEST, SHORTEST, SwellConfig
 from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.surroundings.sea.measured import records_of
 from taichi_sim.surroundings.sea.spectrum import CALM_PERIOD, pierson_moskowitz_hs_tp
@@ -34,6 +34,7 @@ JONSWAP_FREQUENCY, JONSWAP_FREQUENCY_POWER = 3.5, -0.33  # f = 3.5 x^-0.33
 WIND_HEIGHT, PM_WIND_HEIGHT = 10.0, 19.5  # m; of wind_speed, and of the anemometers of Pierson & Moskowitz
 DRAG_COEFFICIENT = 1.3e-3  # of the sea surface, at 10 m (Stewart 2008, sec. 16.4)
 VON_KARMAN = 0.4
+SWELL_STEEPNESS = 0.005  # of a swell without a period of its own; assumed: 8 s for 0.5 m
 UPPER_HS = (0.0, 0.1, 0.5, 1.25, 2.5, 4.0, 6.0, 9.0, 14.0, math.inf)  # m, upper limits of codes 0 to 9
 
 
@@ -61,6 +62,10 @@ def developed_period(hs: float) -> float:
     return unit.tp * math.sqrt(hs / unit.hs)
 
 
+def _developed_or_calm(hs: float) -> float:
+    return max(developed_period(hs), SHORTEST) if hs > 0 else CALM_PERIOD
+
+
 def growing_sea(wind_speed: float, fetch: float, g: float = GRAVITY) -> SeaSize:
     """JONSWAP sea under a wind (m/s) at 10 m over a fetch (m), at most fully developed."""
     x = g * fetch / wind_speed**2
@@ -81,13 +86,19 @@ def sea_size(config: SeaConfig) -> SeaSize:
         return SeaSize(*(sum(x) / len(records) for x in zip(*((r.hs, r.tp) for r in records), strict=True)))
     if config.sea_state is not None:
         hs = sum(sea_state_range(config.sea_state)) / 2
-        return SeaSize(hs, developed_period(hs) if hs > 0 else CALM_PERIOD)
+        return SeaSize(hs, _developed_or_calm(hs))
     if config.wind_speed is not None:
         wind, fetch = config.wind_speed, config.fetch
         hs, tp = developed_sea(wind) if fetch is None else growing_sea(wind, fetch)
         return SeaSize(hs, max(tp, SHORTEST))
-    assert config.hs is not None and config.tp is not None  # SeaConfig ensures it
-    return SeaSize(config.hs, config.tp)
+    assert config.hs is not None  # SeaConfig ensures it
+    return SeaSize(config.hs, _developed_or_calm(config.hs) if config.tp is None else config.tp)
+
+
+def swell_size(config: SwellConfig) -> SeaSize:
+    """Height and period of a swell; without a period, its steepness 2 pi hs / (g tp^2) is SWELL_STEEPNESS."""
+    tp = config.tp or math.sqrt(2 * math.pi * config.hs / (GRAVITY * SWELL_STEEPNESS))
+    return SeaSize(config.hs, min(max(tp, SHORTEST), LONGEST))
 
 
 def sea_state_range(code: int) -> tuple[float, float]:

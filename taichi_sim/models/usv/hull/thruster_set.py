@@ -44,6 +44,7 @@ Arrow = tuple[tuple[float, float, float], tuple[str | None, str | None, str | No
 Array = NDArray[np.float64]
 IDLE = 1e-3  # share of the largest thrust; below, a thruster does not turn (rounding has no direction); assumed
 NONE = 1e-12  # share of the largest thrust; avoids a division by zero
+EXACT = 1e-6  # difference from 1 N or 1 N m that is rounding
 PLANE = (0, 1, 5)  # X, Y, N of a wrench
 SINGULAR = 1e-9  # smaller singular values, over the largest one, count as zero
 
@@ -63,10 +64,12 @@ def reach(thrusters: Sequence[Thruster]) -> Array:
     return np.array(loads).reshape(-1, 6)[:, PLANE].T
 
 
-def pseudo_inverse(thrusters: Sequence[Thruster]) -> Array:
-    """Weighted pseudo-inverse [component, 3]: the components that make X = 1 N, Y = 1 N or N = 1 N m alone."""
+def pseudo_inverse(thrusters: Sequence[Thruster], axes: Sequence[int] = (0, 1, 2)) -> Array:
+    """Weighted pseudo-inverse [component, axis]: the components that make X = 1 N, Y = 1 N or N = 1 N m, and nothing
+    else of `axes`.
+    """
     most = np.array([thrusters[k].thrust_max for k, _ in components(thrusters)])
-    weighted = reach(thrusters) * most
+    weighted = reach(thrusters)[list(axes)] * most
     size = np.abs(weighted).sum(axis=1, keepdims=True)  # makes N and N m comparable
     size[size == 0] = 1.0
     return most[:, None] * np.linalg.pinv(weighted / size, rcond=SINGULAR) / size.T
@@ -82,9 +85,19 @@ def largest(thrusters: Sequence[Thruster]) -> tuple[Array, Array]:
     found = np.zeros((2, 3))
     for row, sign in enumerate((1.0, -1.0)):
         for axis in range(3):
-            if abs((B @ share)[axis, axis] - 1.0) < 1e-6:
+            if abs((B @ share)[axis, axis] - 1.0) < EXACT:
                 found[row, axis] = sign * _factor(thrusters, sign * share[:, axis])
     return found[0], found[1]
+
+
+def moment_alone(thrusters: Sequence[Thruster]) -> tuple[float, float]:
+    """The sway force (N) beside each N m of a moment that is made without regard to sway, by the least thrust, and the
+    largest such moment (N m) that is reached to both sides; 0 and 0 if there is none.
+    """
+    f, B = pseudo_inverse(thrusters, (0, 2))[:, 1], reach(thrusters)
+    if abs(B[2] @ f - 1.0) > EXACT:
+        return 0.0, 0.0
+    return float(B[1] @ f), min(_factor(thrusters, f), _factor(thrusters, -f))
 
 
 def _factor(thrusters: Sequence[Thruster], f: Array) -> float:
