@@ -18,12 +18,13 @@ import typing
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Annotated, Any, NamedTuple, Union
 
 from pydantic import BaseModel, ValidationError
 
 from taichi_sim.config.base import ConfigError
+from taichi_sim.config.explain_errors import source_of
 
 FAR = 10.0  # factor outside a range beyond which a number is refused; assumed
 NOTHING = 1e-9  # a number over its scale below which it is 0: 0.3 m times the cosine of 90 degrees
@@ -127,6 +128,8 @@ def leaves(section: BaseModel, key: str = "", around: tuple[BaseModel, ...] = ()
         yield from _inside(annotation, getattr(section, name), f"{key}{name}", ranges, chain)
     for name, ranges in _properties(type(section)):
         yield Leaf(f"{key}{name}", float(getattr(section, name)), ranges, chain)
+    for name, value in (section.__pydantic_extra__ or {}).items():  # teams of a scenario
+        yield from _inside(None, value, f"{key}{name}", (), chain)
 
 
 @cache
@@ -163,8 +166,9 @@ def _inside(kind: Any, value: Any, key: str, ranges: tuple[Plausible, ...], chai
             yield from _inside(None, item, f"{key}.{name}", (), chain)
     elif isinstance(value, tuple):
         kinds = typing.get_args(_unwrapped(kind)[0])
-        for i, item in enumerate(value):
-            yield from _inside(kinds[0 if Ellipsis in kinds else i], item, f"{key}.{i}", (), chain)
+        kinds = kinds[:1] * len(value) if Ellipsis in kinds else kinds or (None,) * len(value)
+        for i, (one, item) in enumerate(zip(kinds, value, strict=True)):
+            yield from _inside(one, item, f"{key}.{i}", (), chain)
 
 
 @cache
@@ -206,8 +210,9 @@ def findings(params: BaseModel) -> list[Finding]:
     return found
 
 
-def judge(params: BaseModel, source: str) -> None:
-    """Warn of numbers that are not plausible in `params`, which were read from the file `source`.
+def judge(params: BaseModel, source: str, sources: Mapping[str, str] | None = None) -> None:
+    """Warn of numbers that are not plausible in `params`, which were read from the file `source`; `sources` names
+    another source for single keys.
 
     Raises:
         ConfigError: for numbers that cannot be meant; the message has key, value, range and the likely mistake.
@@ -215,8 +220,8 @@ def judge(params: BaseModel, source: str) -> None:
     found = findings(params)
     if not found:
         return
-    first = _mended(params, found)
-    told = [f"{source}: {text}" for text in ([first] if first else map(str, found[:MOST_TOLD]))]
+    first, origin = _mended(params, found), partial(source_of, file=source, sources=sources or {})
+    told = [f"{origin(finding.key)}: {first or finding}" for finding in found[: 1 if first else MOST_TOLD]]
     if len(found) > MOST_TOLD and not first:
         told.append(f"{source}: and {len(found) - MOST_TOLD} more")
     if any(finding.absurd for finding in found):
