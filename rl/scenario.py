@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from taichi_sim.config import ConfigError, NonNegative, Positive, Strict, WorldConfig
 from taichi_sim.config.io import drop_ranges, set_values, validate
+from taichi_sim.config.plausible import Plausible
 from taichi_sim.config.vary import flattened
 
 WHOLE = ("name", "seed", "mission", "stages", "evaluation")  # sections that are the same in all stages
@@ -53,15 +54,15 @@ class StageConfig(Strict):
     steps_per_iteration: Annotated[int, Field(ge=2, le=1000)] = 24
     hidden_dims: Annotated[tuple[Annotated[int, Field(ge=1, le=4096)], ...], Field(min_length=1)] = (64, 64)
     activation: Literal["elu", "relu", "tanh"] = "elu"
-    learning_rate: Positive = 1e-3
+    learning_rate: Annotated[Positive, Plausible(1e-7, 0.1)] = 1e-3
     learning_epochs: Annotated[int, Field(ge=1, le=100)] = 2
     mini_batches: Annotated[int, Field(ge=1, le=1000)] = 8
     discount: Annotated[float, Field(gt=0, lt=1)] = 0.97
     gae_lambda: Annotated[float, Field(ge=0, le=1)] = 0.95
-    clip: Positive = 0.2
-    entropy: NonNegative = 0.0
-    desired_kl: Positive = 0.01
-    initial_std: Positive = 0.6
+    clip: Annotated[Positive, Plausible(5e-3, 5.0)] = 0.2
+    entropy: Annotated[NonNegative, Plausible(1e-7, 1.0)] = 0.0
+    desired_kl: Annotated[Positive, Plausible(1e-5, 1.0)] = 0.01
+    initial_std: Annotated[Positive, Plausible(5e-3, 20.0)] = 0.6
     critic: Literal["truth", "policy"] = "truth"  # input of the critic; truth: also privileged information
     planning: PlanningConfig | None = None
     checkpoint_interval: Annotated[int, Field(ge=1)] = 25  # iterations

@@ -25,6 +25,7 @@ _NAMES = {
         "Strict SwellConfig TeamConfig WorldConfig"
     ),
     "taichi_sim.config.io": "load_world",
+    "taichi_sim.config.plausible": "NumberWarning Plausible",
     "taichi_sim.fleet": "Fleet",
     "taichi_sim.kernels.packs": "AroundPack Build FleetPack load_at numbers_at own_numbers",
     "taichi_sim.kernels.runtime": "ProgramError init",

@@ -19,6 +19,7 @@ from taichi_sim.config import (
 )
 from taichi_sim.config.arguments import ActionError
 from taichi_sim.config.io import load_world
+from taichi_sim.config.plausible import NumberWarning, Plausible
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, numbers_at, own_numbers
 from taichi_sim.kernels.runtime import ProgramError, init
@@ -37,8 +38,9 @@ from taichi_sim.world import Script, World, replay
 __version__: str
 __all__ = [
     "ActionError", "AirConfig", "Aircraft", "AroundPack", "Bench", "Build", "ConfigError", "Current", "CurrentConfig",
-    "Episode", "Finite", "Fleet", "FleetPack", "Fraction", "GustConfig", "Limits", "NonNegative", "Positive",
-    "ProgramError", "Range", "Recorder", "Script", "Sea", "SeaConfig", "Strict", "Surroundings", "SwellConfig",
-    "TeamConfig", "Vehicle", "Vessel", "Wind", "World", "WorldConfig", "calm_sea", "init", "load_at", "load_vehicle",
-    "load_world", "numbers_at", "own_numbers", "replay", "shipped_vehicles", "write_recording",
+    "Episode", "Finite", "Fleet", "FleetPack", "Fraction", "GustConfig", "Limits", "NonNegative",
+    "NumberWarning", "Plausible", "Positive", "ProgramError", "Range", "Recorder", "Script", "Sea", "SeaConfig",
+    "Strict", "Surroundings", "SwellConfig", "TeamConfig", "Vehicle", "Vessel", "Wind", "World", "WorldConfig",
+    "calm_sea", "init", "load_at", "load_vehicle", "load_world", "numbers_at", "own_numbers", "replay",
+    "shipped_vehicles", "write_recording",
 ]  # fmt: skip

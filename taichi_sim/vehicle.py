@@ -35,6 +35,7 @@ from torch import Tensor
 
 from taichi_sim.config import ConfigError, Strict, WorldConfig
 from taichi_sim.config.base import meant
+from taichi_sim.config.plausible import Plausible
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.conventions import DOWN, ELEVATION, HORIZONTAL, QW, STATE_SIZE, SURGE
@@ -50,7 +51,8 @@ DEFAULT_STEP, LARGEST_STEP = 0.02, 0.1  # s, of a physics step
 class VehicleParams(Strict):
     """Keys that every vehicle file of ours has."""
 
-    dt: Annotated[float, Field(gt=0, le=LARGEST_STEP)] = DEFAULT_STEP  # s, its motion errs by 1 % (docs/step.md)
+    # its motion errs by 1 % (docs/step.md)
+    dt: Annotated[float, Field(gt=0, le=LARGEST_STEP), Plausible(5e-4, LARGEST_STEP, "s")] = DEFAULT_STEP
 
 
 class UnstableStepError(ConfigError):

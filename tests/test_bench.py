@@ -77,3 +77,11 @@ def test_a_steady_current_is_written_in_place_and_a_calm_bench_has_none():
     bench.current[1, 0] = 0.5
     bench.step(0.0, times=3)
     assert bench.around.current.tolist() == [[0.0, 0.0], [0.5, 0.0]]
+
+
+def test_a_state_that_is_not_finite_is_told_once():
+    bench = Bench("unity_boat", envs=3).step((0.5, 0.0))
+    bench.state[1, 0, 7] = float("nan")
+    with pytest.warns(RuntimeWarning, match="'fleet' is not finite .* in environment 1 ") as told:
+        bench.step((0.5, 0.0)).step((0.5, 0.0))
+    assert len(told) == 1

@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from taichi_sim.applications.trials.results import (
     TrialError,
     criteria,
     crossing,
+    doubts,
     first_overshoot_limit,
     peaks,
     second_overshoot_limit,
@@ -196,3 +198,40 @@ def test_the_command_writes_a_report_and_tables(capsys, tmp_path):
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Turning circle" in page and "<svg" in page and "3 runs" in page and "IMO" in page
     assert (tmp_path / "out" / "turning.csv").read_text().startswith("case,t s,north m")
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "changes", "trial", "name", "value", "why"),
+    [
+        ("otter", {}, "turning", "tactical diameter over length", 2.1, None),
+        ("otter", {}, "turning", "tactical diameter over length", 0.29, "nothing is missing"),
+        ("otter", {"cross_flow_coefficient": 0.0}, "turning", "steady drift angle", -1.0, r"no cross-flow drag\?"),
+        ("otter", {"added_mass": [5.5, 0.4, 55.0, 3.3, 17.0, 26.0]}, "turning", "steady drift angle", 1.0,
+         r"no added mass of sway\? hydrodynamics.added_mass.1 = 0.4"),
+        ("otter", {"linear": [77.0, 160.0, 600.0, 62.0, 267.0, 0.0], "quadratic": [0.0] * 6}, "zigzag20_20",
+         "overshoot 1", 4.2, r"no damping of yaw\? hydrodynamics.linear.5 = 0, hydrodynamics.quadratic.5 = 0"),
+        ("kvlcc2", {}, "turning", "steady drift angle", 1.0, "nothing is missing"),
+        ("cybership2", {}, "zigzag10_10", "overshoot 2", 1.5, None),
+    ],
+)  # fmt: skip
+@pytest.mark.filterwarnings("ignore::taichi_sim.config.plausible.NumberWarning")
+def test_figures_that_no_vessel_has_are_told_with_what_is_missing(vehicle, changes, trial, name, value, why):
+    """And no criterion is met by such a trial."""
+    params = load_vehicle(vehicle, 1e-3, **({"hydrodynamics": changes} if changes else {})).params
+    out = Outcome(trial, "Trial")
+    out.add("port", 0, ((name, value, ""), ("advance over length", 1.0, ""), ("approach speed", 1.0, "m/s")))
+    found = doubts([out], params)
+    assert [bool(re.search(why or "", doubt.why)) for doubt in found] == [True] * (why is not None)
+    judged = criteria([out], 2.0, doubted=found)
+    assert all(limit.credible == (why is None) and limit.met <= limit.credible for limit in judged)
+    assert bool(judged) or trial != "turning"
+
+
+def test_a_top_speed_far_from_the_balance_of_thrust_and_resistance_is_told():
+    params = load_vehicle("otter", 1e-3).params
+    assert params.top_speed == pytest.approx(2 * 0.01108 * N_MAX**2 / 77.55443234836703)
+    for speed, told in ((params.top_speed, 0), (4.0, 0), (6.0, 1), (1.5, 1)):
+        out = Outcome("speed", "Speed")
+        out.add("100%", 0, (("speed", speed, "m/s"),))
+        out.add("10%", 0, (("speed", 0.1 * speed, "m/s"),))
+        assert len(doubts([out], params)) == told

@@ -1,7 +1,7 @@
 """Residual policies: a policy corrects the velocity command of its team's classical controller (`ResidualConfig`)."""
 
 from collections.abc import Mapping
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
 import torch
 from torch import Tensor
@@ -12,6 +12,7 @@ from rl.perception.due import Due
 from rl.perception.sensors import Obstacle
 from rl.team import Controller, Team
 from taichi_sim.config import ConfigError, NonNegative, Positive, Strict
+from taichi_sim.config.plausible import Plausible
 
 
 class ResidualConfig(Strict):
@@ -23,9 +24,10 @@ class ResidualConfig(Strict):
     gap to an obstacle falls from `gate` to half of it, and are exactly zero where no obstacle is within `gate`.
     """
 
-    velocity: NonNegative = 0.0  # m/s, the largest correction of each component; 0: the policy acts alone
-    shield: NonNegative = 0.0  # s; 0: no shield
-    gate: Positive | None = None  # m
+    # the largest correction of each component; 0: the policy acts alone
+    velocity: Annotated[NonNegative, Plausible(0.02, 50.0, "m/s")] = 0.0
+    shield: Annotated[NonNegative, Plausible(0.1, 600.0, "s")] = 0.0  # s; 0: no shield
+    gate: Annotated[Positive, Plausible(0.5, 5000.0, "m")] | None = None
 
 
 CORRECTIONS = ("velocity ahead (correction)", "velocity to starboard (correction)")

@@ -12,6 +12,7 @@ from taichi_sim.config import ConfigError
 from taichi_sim.config.explain_errors import source_of
 from taichi_sim.config.files import resolve_files
 from taichi_sim.config.io import apply_overrides, find_config, key_of, read_toml, validate, vehicle_file
+from taichi_sim.config.plausible import judge
 from taichi_sim.config.plugins import is_plugin, load_class
 from taichi_sim.kernels import runtime
 
@@ -60,6 +61,7 @@ def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = (), the
                 f"{' or '.join(others)}, and this scenario's is {kind.__name__}"
             )
     config = validate(kind.Config, data, str(file), sources)
+    judge(config, str(file), sources)
     for name, team in config.teams.items():
         try:
             vehicle_file(team, file)

@@ -23,6 +23,7 @@ from rl.perception.due import BEGINS, NOT_DUE, Due
 from rl.perception.instruments import InstrumentsConfig
 from rl.perception.sensors import Mate, Nearby, Obstacle, Sight, store_mate, store_obstacle
 from taichi_sim.config import NonNegative, Positive, Strict
+from taichi_sim.config.plausible import Plausible
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import struct_of, values_at
@@ -45,13 +46,17 @@ TRACK = 400.0  # ns of one vehicle, about
 class ContactsConfig(Strict):
     """`[sensors.contacts]`: obstacles and team mates as radar, lidar or cameras have them."""
 
-    range_noise: NonNegative = 0.0  # standard deviation, m
-    bearing_noise_deg: NonNegative = 0.0  # standard deviation, of elevations too
+    range_noise: Annotated[NonNegative, Plausible(2e-3, 100.0, "m")] = 0.0  # standard deviation
+    # standard deviation, of elevations too
+    bearing_noise_deg: Annotated[NonNegative, Plausible(5e-3, 30.0, "deg")] = 0.0
     dropout: Annotated[float, Field(ge=0, lt=1)] = 0.0  # share of measurements that fail
     late: Annotated[int, Field(ge=0, le=50)] = 0  # delay of a measurement, decisions
-    speed: Positive = 3.0  # m/s, standard deviation of a body's speed at first; assumed
-    acceleration: Positive = 0.1  # m/s^2 over one second, white acceleration of bodies; assumed
-    mate_acceleration: Positive = 0.5  # m/s^2 likewise, of team mates relative to the vehicle; assumed
+    # standard deviation of a body's speed at first; assumed
+    speed: Annotated[Positive, Plausible(0.05, 100.0, "m/s")] = 3.0
+    # m/s^2 over one second, white acceleration of bodies; assumed
+    acceleration: Annotated[Positive, Plausible(2e-3, 20.0, "m/s^2")] = 0.1
+    # m/s^2 likewise, of team mates relative to the vehicle; assumed
+    mate_acceleration: Annotated[Positive, Plausible(2e-3, 20.0, "m/s^2")] = 0.5
 
     @property
     def exact(self) -> bool:

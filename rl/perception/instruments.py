@@ -18,12 +18,13 @@ Instruments that are not configured are exact. Inner loops of a vehicle model (a
 # pyright: reportInvalidTypeForm=false
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import taichi as ti
 
 from rl.perception.due import BEGINS, NOT_DUE, Due
 from taichi_sim.config import Fraction, NonNegative, Positive, Strict
+from taichi_sim.config.plausible import Plausible
 from taichi_sim.fleet import Fleet, Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
@@ -42,46 +43,46 @@ OWN, COMMON, HEADING, LOG, HEIGHT, AIRSPEED, MEMORY = 0, 2, 4, 5, 8, 9, 10  # co
 class GnssConfig(Strict):
     """`[sensors.gnss]`"""
 
-    noise: NonNegative = 0.0  # standard deviation of each direction, m
-    bias: NonNegative = 0.0  # of the walk, m
-    time_constant: Positive = 60.0  # of the walk, s
+    noise: Annotated[NonNegative, Plausible(2e-3, 50.0, "m")] = 0.0  # standard deviation of each direction
+    bias: Annotated[NonNegative, Plausible(2e-3, 100.0, "m")] = 0.0  # of the walk
+    time_constant: Annotated[Positive, Plausible(1.0, 1e4, "s")] = 60.0  # of the walk
     shared: Fraction = 0.8  # of the walk's variance, common to all receivers nearby; assumed
 
 
 class CompassConfig(Strict):
     """`[sensors.compass]`"""
 
-    noise_deg: NonNegative = 0.0
-    bias_deg: NonNegative = 0.0  # of an episode
+    noise_deg: Annotated[NonNegative, Plausible(5e-3, 30.0, "deg")] = 0.0
+    bias_deg: Annotated[NonNegative, Plausible(5e-3, 60.0, "deg")] = 0.0  # of an episode
 
 
 class LogConfig(Strict):
     """`[sensors.log]`"""
 
-    noise: NonNegative = 0.0  # of each component, m/s
-    bias: NonNegative = 0.0  # of an episode, m/s
+    noise: Annotated[NonNegative, Plausible(1e-3, 5.0, "m/s")] = 0.0  # of each component
+    bias: Annotated[NonNegative, Plausible(1e-3, 5.0, "m/s")] = 0.0  # of an episode
 
 
 class ImuConfig(Strict):
     """`[sensors.imu]`"""
 
-    rate_noise_deg: NonNegative = 0.0  # deg/s
-    attitude_noise_deg: NonNegative = 0.0  # of roll and pitch
+    rate_noise_deg: Annotated[NonNegative, Plausible(1e-3, 30.0, "deg/s")] = 0.0
+    attitude_noise_deg: Annotated[NonNegative, Plausible(1e-3, 30.0, "deg")] = 0.0  # of roll and pitch
 
 
 class AirDataConfig(Strict):
     """`[sensors.air_data]`"""
 
-    noise: NonNegative = 0.0  # of the airspeed, m/s
-    bias: NonNegative = 0.0  # of an episode, m/s
-    angle_noise_deg: NonNegative = 0.0
+    noise: Annotated[NonNegative, Plausible(2e-3, 20.0, "m/s")] = 0.0  # of the airspeed
+    bias: Annotated[NonNegative, Plausible(2e-3, 20.0, "m/s")] = 0.0  # of an episode
+    angle_noise_deg: Annotated[NonNegative, Plausible(2e-3, 30.0, "deg")] = 0.0
 
 
 class AltimeterConfig(Strict):
     """`[sensors.altimeter]`"""
 
-    noise: NonNegative = 0.0  # m
-    bias: NonNegative = 0.0  # of an episode, m
+    noise: Annotated[NonNegative, Plausible(2e-3, 50.0, "m")] = 0.0
+    bias: Annotated[NonNegative, Plausible(2e-3, 100.0, "m")] = 0.0  # of an episode
 
 
 class InstrumentsConfig(Strict):

@@ -24,6 +24,7 @@ from torch import Tensor
 
 from rl.perception.due import BEGINS, GOES_ON, NOT_DUE, Due
 from taichi_sim.config import Fraction, Positive, Strict
+from taichi_sim.config.plausible import Plausible
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import RADIO, uniform4
 from taichi_sim.kernels.runtime import array1, array3, array4, whole1
@@ -44,10 +45,11 @@ class Message:
 class RadioConfig(Strict):
     """`[radio]` between vehicles."""
 
-    range: Positive = 1000.0  # m; assumed
+    range: Annotated[Positive, Plausible(5.0, 1e5, "m")] = 1000.0  # m; assumed
     delay: Annotated[float, Field(ge=0, le=10)] = 0.0  # s, rounded to whole decisions
     loss: Fraction = 0.0  # of all messages
-    rate: Positive | None = None  # messages of each vehicle per second; default: one each decision
+    # messages of each vehicle per second; default: one each decision
+    rate: Annotated[Positive, Plausible(0.01, 100.0, "1/s")] | None = None
 
 
 TalkPack = ti.types.argpack(heard=array4, sent=array4, said=array3, place=array3, numbers=array1)

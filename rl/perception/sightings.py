@@ -38,6 +38,7 @@ from torch import Tensor
 from rl.perception.due import NOT_DUE, Due
 from rl.perception.instruments import InstrumentsConfig
 from taichi_sim.config import NonNegative, Positive, Strict
+from taichi_sim.config.plausible import Plausible
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.conventions import DOWN, EAST, NORTH
@@ -73,9 +74,12 @@ class CameraConfig(Strict):
     field_of_view_deg: Annotated[float, Field(gt=1, lt=179)] = 60.0  # full angle of a cone about the axis
     azimuth_deg: Annotated[float, Field(ge=-180, le=180)] = 90.0  # of a fixed camera's axis, from the nose to starboard
     depression_deg: Annotated[float, Field(ge=0, le=90)] = 30.0  # of a fixed camera's axis, below the wings' plane
-    reach: Positive = 500.0  # m: range at which every second look finds a vessel in calm water; assumed
-    rough: Positive = 2.0  # m, significant wave height that halves this range; assumed
-    noise_deg: NonNegative = 0.1  # standard deviation of a line of sight, each way; assumed
+    # m: range at which every second look finds a vessel in calm water; assumed
+    reach: Annotated[Positive, Plausible(5.0, 5e4, "m")] = 500.0
+    # significant wave height that halves this range; assumed
+    rough: Annotated[Positive, Plausible(0.05, 20.0, "m")] = 2.0
+    # standard deviation of a line of sight, each way; assumed
+    noise_deg: Annotated[NonNegative, Plausible(1e-3, 20.0, "deg")] = 0.1
     surface: Literal["mean", "waves"] = "mean"  # objects float at mean sea level, or on the waves
 
     @property
@@ -118,14 +122,14 @@ class ObserverForm(NamedTuple):
 class LookoutConfig(Strict):
     """`[TEAM.lookout]`; what is left out is assumed."""
 
-    vessel_range: Positive = 60.0  # m, to its middle
-    obstacle_range: Positive = 25.0  # m, to its surface
-    range_noise: NonNegative = 0.2  # standard deviation, m
-    bearing_noise_deg: NonNegative = 0.5
+    vessel_range: Annotated[Positive, Plausible(1.0, 5e4, "m")] = 60.0  # to its middle
+    obstacle_range: Annotated[Positive, Plausible(1.0, 2e4, "m")] = 25.0  # to its surface
+    range_noise: Annotated[NonNegative, Plausible(2e-3, 100.0, "m")] = 0.2  # standard deviation
+    bearing_noise_deg: Annotated[NonNegative, Plausible(5e-3, 30.0, "deg")] = 0.5
     dropout: Annotated[float, Field(ge=0, lt=1)] = 0.1  # share of measurements that fail
     crests: bool = False  # whether wave crests hide the vessel
-    eye_height: Positive = 1.0  # m above the water, of the sensor, for that
-    vessel_height: Positive = 1.0  # m above the water, of what is looked for
+    eye_height: Annotated[Positive, Plausible(0.05, 100.0, "m")] = 1.0  # m above the water, of the sensor, for that
+    vessel_height: Annotated[Positive, Plausible(0.05, 100.0, "m")] = 1.0  # m above the water, of what is looked for
 
 
 class LookoutNumbers(NamedTuple):

@@ -25,6 +25,7 @@ from rl.mission import Mission
 from rl.perception.sensors import Obstacle
 from rl.team import ControllerError, Team
 from taichi_sim.config import ConfigError, NonNegative, Positive, Strict
+from taichi_sim.config.plausible import Plausible
 from taichi_sim.kernels import runtime
 
 MOST = 8192  # environments of a fork: more are planned for in turn
@@ -40,12 +41,14 @@ class PlanConfig(Strict):
 
     samples: Annotated[int, Field(ge=4, le=65536)] = 64  # futures tried in each round, of each environment
     rounds: Annotated[int, Field(ge=1, le=50)] = 3  # of samples for each plan
-    horizon: Positive = 6.0  # s
-    every: Positive = 0.5  # s between plans
+    horizon: Annotated[Positive, Plausible(0.1, 600.0, "s")] = 6.0
+    every: Annotated[Positive, Plausible(0.02, 100.0, "s")] = 0.5  # s between plans
     knots: Annotated[int, Field(ge=2, le=50)] = 5  # of a plan, evenly spaced over the horizon, linear in between
-    spread: Positive = 3.0  # standard deviation of a knot in the first round: m/s, or share of an action's range
-    berth: NonNegative = 0.5  # m of clearance: a plan that comes nearer to anything costs more
-    share: NonNegative = 0.2  # of its followers' costs in a leader's own
+    # standard deviation of a knot in the first round: m/s, or share of an action's range
+    spread: Annotated[Positive, Plausible(5e-3, 100.0)] = 3.0
+    # m of clearance: a plan that comes nearer to anything costs more
+    berth: Annotated[NonNegative, Plausible(0.01, 200.0, "m")] = 0.5
+    share: Annotated[NonNegative, Plausible(2e-3, 50.0)] = 0.2  # of its followers' costs in a leader's own
 
     @model_validator(mode="after")
     def _looks_ahead(self):

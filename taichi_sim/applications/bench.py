@@ -10,6 +10,7 @@
 Results read from it are float64, whatever the precision of the run.
 """
 
+import warnings
 from pathlib import Path
 from typing import NamedTuple
 
@@ -118,6 +119,7 @@ class Bench:
         self.sea = sea or calm_sea()
         self.sea.program.check()
         self.fleet = Fleet(name, self.model, envs, count)
+        self._told = False
         self.time = torch.zeros(envs, dtype=torch.float64, device=run.device)
         self._everywhere = torch.arange(envs, device=run.device)
         env_sea = (self._everywhere % self.sea.num_seas).to(torch.int32)
@@ -216,6 +218,8 @@ class Bench:
     def step(self, action: ArrayLike | Tensor, times: int = 1) -> "Bench":
         """Step `times` control steps with the action held: [action], or what broadcasts to [env, vehicle, action].
 
+        A RuntimeWarning tells once that a state is not finite any more, or beyond its limits.
+
         Raises:
             ActionError: for an action that is not finite or no numbers; nothing has moved.
         """
@@ -231,6 +235,10 @@ class Bench:
             if self._weather is not None:
                 self._weather.advance(interval)
             self._follow()
+        if not self._told and (gone := self.fleet.diverged()) is not None:
+            self._told, env = True, int(gone.any(1).nonzero()[0])
+            cause = f"the state of a vehicle of {self.fleet.name!r} is not finite or beyond its limits"
+            warnings.warn(f"{cause} in environment {env} (docs/troubleshooting.md; told once)", RuntimeWarning, 2)
         return self
 
     # -- reading ---------------------------------------------------------------------------------------------------

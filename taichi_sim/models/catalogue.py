@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 from taichi_sim.config import ConfigError, TeamConfig
 from taichi_sim.config.base import Table
 from taichi_sim.config.io import config_folder, read_toml, validate, vehicle_file
+from taichi_sim.config.plausible import judge
 from taichi_sim.config.plugins import is_plugin, load_class
 from taichi_sim.kernels import runtime
 from taichi_sim.models.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
@@ -79,6 +80,7 @@ def load_vehicle(
     params = validate(model.Params, data, str(file))
     key = (model, params.model_dump_json(), dt, substeps, runtime.current().precision)
     if key not in _models:
+        judge(params, str(file))
         try:
             _models[key] = model(params, dt, substeps)
         except ConfigError as error:

@@ -4,9 +4,11 @@ from collections.abc import Mapping
 
 import numpy as np
 import torch
+from pydantic import BaseModel
 from torch import Tensor
 
 from taichi_sim.config import ConfigError, Range, WorldConfig
+from taichi_sim.config.plausible import judge
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 from taichi_sim.randomisation.conditions import TRUTH, Conditions, spread, varied
@@ -107,6 +109,8 @@ def _held(fleet: Fleet, key: str, given: Range, variation: float) -> tuple[float
         reason = fleet.refusal(key, end)
         if reason and variation <= 1.0:
             raise ConfigError(f"{place} = {given}: {end:g} cannot be: {reason}")
+        if not reason and isinstance(varied := fleet.model.with_numbers({key: end}), BaseModel):
+            judge(varied, f"{place} = {given}")
     low, high = (edge(nominal, end, lambda x: fleet.refusal(key, x) is None, HALVINGS) for end in ends)
     return low, high
 

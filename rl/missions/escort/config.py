@@ -16,6 +16,7 @@ from rl.perception.sightings import CameraConfig, LookoutConfig
 from rl.planning.planner import PlanConfig
 from rl.scenario import Evaluation, Scenario
 from taichi_sim.config import Fraction, NonNegative, Positive, Span, Strict, TeamConfig
+from taichi_sim.config.plausible import Plausible
 
 ROOM = 12.0  # m from an obstacle's surface to where a vehicle begins; assumed
 
@@ -29,11 +30,15 @@ class EscortConfig(Strict):
     worlds: Annotated[int, Field(ge=1, le=8192)] = 256  # different starts (and obstacle fields) in one run
     start_distance: Span = (200.0, 500.0)  # of boats from the vessel, m
     near_fraction: Fraction = 0.0  # share of episodes that begin near the vessel: for training
-    cue_error: NonNegative = 30.0  # m, standard deviation, each way, of the cue: the vessel's place given at the start
-    cue_age: NonNegative = 60.0  # age of the cue at the start, s
-    arrival: Positive = 15.0  # m: the leader has arrived when it is nearer to the vessel
-    stale: Positive = 5.0  # s: an older track does not count as knowledge of the vessel
-    lost: Positive = 20.0  # s without a sighting or a message before a vehicle searches; assumed
+    # standard deviation, each way, of the cue: the vessel's place given at the start
+    cue_error: Annotated[NonNegative, Plausible(0.1, 5000.0, "m")] = 30.0
+    cue_age: Annotated[NonNegative, Plausible(0.1, 5000.0, "s")] = 60.0  # age of the cue at the start
+    # m: the leader has arrived when it is nearer to the vessel
+    arrival: Annotated[Positive, Plausible(0.5, 1000.0, "m")] = 15.0
+    # s: an older track does not count as knowledge of the vessel
+    stale: Annotated[Positive, Plausible(0.1, 1000.0, "s")] = 5.0
+    # s without a sighting or a message before a vehicle searches; assumed
+    lost: Annotated[Positive, Plausible(0.5, 5000.0, "s")] = 20.0
     reports: Literal["all", "none", "others"] = "all"  # messages: as sent; none; those of another environment
     relay: bool = False  # aircraft repeat messages that were lost
 
@@ -50,11 +55,12 @@ class VesselCourseConfig(Strict):
     """`[course]` of the vessel, which changes course and speed at random times."""
 
     speed: Span = (0.8, 2.0)  # m/s
-    every: Positive = 40.0  # s between two changes, on average (exponentially distributed); assumed
+    # s between two changes, on average (exponentially distributed); assumed
+    every: Annotated[Positive, Plausible(1.0, 1e4, "s")] = 40.0
     turn_deg: Annotated[float, Field(ge=0, le=180)] = 120.0  # greatest change of course, either way; assumed
-    turn_rate_deg: Positive = 4.0  # deg/s, rate of the commanded course; assumed
+    turn_rate_deg: Annotated[Positive, Plausible(0.05, 180.0, "deg/s")] = 4.0  # rate of the commanded course; assumed
     evasive: bool = False  # whether it flees from boats within evasive_range
-    evasive_range: Positive = 40.0  # m
+    evasive_range: Annotated[Positive, Plausible(1.0, 5000.0, "m")] = 40.0
 
 
 class ObstaclesConfig(Strict):
@@ -64,7 +70,8 @@ class ObstaclesConfig(Strict):
     moving: Annotated[int, Field(ge=0, le=16)] = 2  # moving ones, which cross the boats' way
     radius: Span = (1.0, 5.0)  # m
     speed: Span = (0.3, 1.0)  # of moving ones, m/s
-    spread: Positive = 60.0  # m to either side of the boats' way, and around the vessel's
+    # m to either side of the boats' way, and around the vessel's
+    spread: Annotated[Positive, Plausible(1.0, 5000.0, "m")] = 60.0
     fixed: tuple[FixedObstacle, ...] = ()  # in every world, m from the vessel's start
 
     @model_validator(mode="after")
@@ -77,7 +84,7 @@ class ObstaclesConfig(Strict):
 class EscortSensingConfig(Strict):
     """Obstacles and team mates that a vehicle observes."""
 
-    detection_range: Positive = 60.0  # m: farther objects are not avoided
+    detection_range: Annotated[Positive, Plausible(1.0, 2e4, "m")] = 60.0  # m: farther objects are not avoided
     obstacles: Annotated[int, Field(ge=0, le=8)] = 3  # nearest ones observed
     team_mates: Annotated[int, Field(ge=0, le=8)] = 2
 
@@ -85,9 +92,10 @@ class EscortSensingConfig(Strict):
 class OrbitConfig(Strict):
     """`[TEAM.orbit]`: the circle about the vessel on which aircraft fly at even phases."""
 
-    radius: Positive = 150.0  # m
-    height: Positive = 100.0  # m above the sea
-    height_step: NonNegative = 15.0  # m between the heights of successive aircraft
+    radius: Annotated[Positive, Plausible(5.0, 1e4, "m")] = 150.0
+    height: Annotated[Positive, Plausible(2.0, 5000.0, "m")] = 100.0  # m above the sea
+    # m between the heights of successive aircraft
+    height_step: Annotated[NonNegative, Plausible(0.2, 500.0, "m")] = 15.0
     direction: Literal["clockwise", "anticlockwise"] = "clockwise"
 
     @property
@@ -116,8 +124,10 @@ class EscortEvaluation(Evaluation):
     """Held-out episodes, and the criterion of success."""
 
     settle: NonNegative = 0.0  # s; unused, as errors are measured after the arrival
-    success_error: Positive = 5.0  # success: every boat's rms error after the arrival is below, m
-    settle_after: NonNegative = 40.0  # s after the arrival at which errors begin to be measured
+    # success: every boat's rms error after the arrival is below
+    success_error: Annotated[Positive, Plausible(0.05, 500.0, "m")] = 5.0
+    # s after the arrival at which errors begin to be measured
+    settle_after: Annotated[NonNegative, Plausible(0.5, 5000.0, "s")] = 40.0
 
 
 class EscortScenario(Scenario):

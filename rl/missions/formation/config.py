@@ -14,6 +14,7 @@ from rl.perception.radio import RadioConfig
 from rl.planning.planner import PlanConfig
 from rl.scenario import Evaluation, Scenario
 from taichi_sim.config import Fraction, NonNegative, Ordered, Positive, Strict, TeamConfig
+from taichi_sim.config.plausible import Plausible
 
 TargetSpeed = Annotated[float, Field(gt=0, le=100)]
 SpeedOver = Literal["ground", "air"]
@@ -45,14 +46,14 @@ class ObstacleConfig(Strict):
     clearance_min: Annotated[float, Field(ge=-500, le=500)] = 6.0  # from the outermost lane, m; < 0: in the lanes
     track_clearance: Annotated[float, Field(ge=0, le=500)] = 12.0  # from the track itself, m, whatever the lanes
     clearance_max: Annotated[float, Field(ge=-500, le=1000)] = 60.0  # m
-    radius_min: Positive = 3.0  # m
-    radius_max: Positive = 10.0  # m
+    radius_min: Annotated[Positive, Plausible(0.05, 500.0, "m")] = 3.0
+    radius_max: Annotated[Positive, Plausible(0.05, 500.0, "m")] = 10.0
     tall_fraction: Fraction = 0.4  # share that reaches above the flight height
     moving_fraction: Fraction = 0.0  # share that moves, of those that a team would meet
     drifting_fraction: Fraction = 0.25  # share of moving ones that the current carries
     overtaking_fraction: Fraction = 0.25  # share of moving ones that go the way of the team; the rest crosses
-    speed_min: NonNegative = 2.0  # of moving ones, m/s
-    speed_max: Positive = 6.0  # m/s
+    speed_min: Annotated[NonNegative, Plausible(0.02, 50.0, "m/s")] = 2.0  # of moving ones
+    speed_max: Annotated[Positive, Plausible(0.02, 50.0, "m/s")] = 6.0
     fixed: tuple[FixedObstacle, ...] = ()
 
     @model_validator(mode="after")
@@ -79,8 +80,10 @@ class FormationConfig(Strict):
     shape: Shape = "abreast"
     shapes: Annotated[tuple[Shape, ...], Field(min_length=1)] | None = None  # drawn anew for episodes and changes
     spacing_range: SpacingRange | None = None  # m, range of spacings drawn likewise; default: spacing
-    change_every: Positive | None = None  # s between changes; default: no change in an episode
-    glide: Positive | None = None  # m/s of a slot to its new place; default: 15 % of the target's speed; assumed
+    # s between changes; default: no change in an episode
+    change_every: Annotated[Positive, Plausible(1.0, 1e4, "s")] | None = None
+    # m/s of a slot to its new place; default: 15 % of the target's speed; assumed
+    glide: Annotated[Positive, Plausible(0.02, 50.0, "m/s")] | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -95,8 +98,10 @@ class FormationTeam(TeamConfig):
     spacing: Spacing = 15.0  # between neighbours, m
     target_speed: TargetSpeed | None = None  # m/s; default: track.target_speed
     speed_over: SpeedOver | None = None  # default: track.speed_over
-    start_distance: NonNegative = 30.0  # leaders start within this distance of the target, m
-    lost_distance: Positive = 150.0  # a vehicle this far from its slot is lost and ends the episode, m
+    # leaders start within this distance of the target
+    start_distance: Annotated[NonNegative, Plausible(0.1, 5000.0, "m")] = 30.0
+    # a vehicle this far from its slot is lost and ends the episode
+    lost_distance: Annotated[Positive, Plausible(1.0, 2e4, "m")] = 150.0
     residual: ResidualConfig | None = None
     control: dict[str, float] = {}  # gains of its classical controller (rl/guidance/controllers); default: its own
     tracking_reward: TrackingReward = TrackingReward()
@@ -122,7 +127,7 @@ class FormationTeam(TeamConfig):
 class SensingConfig(Strict):
     """Partial observability: obstacles and team mates that a vehicle senses."""
 
-    detection_range: Positive = 40.0  # m
+    detection_range: Annotated[Positive, Plausible(1.0, 2e4, "m")] = 40.0
     obstacles: Annotated[int, Field(ge=0, le=8)] = 2  # nearest ones observed
     team_mates: Annotated[int, Field(ge=0, le=8)] = 2  # nearest ones observed
 
@@ -130,7 +135,8 @@ class SensingConfig(Strict):
 class FormationEvaluation(Evaluation):
     """Held-out episodes, and the criterion of success."""
 
-    success_error: Positive = 5.0  # m: an episode with a smaller rms error of every vehicle is a success
+    # m: an episode with a smaller rms error of every vehicle is a success
+    success_error: Annotated[Positive, Plausible(0.05, 500.0, "m")] = 5.0
 
 
 class FormationScenario(Scenario):

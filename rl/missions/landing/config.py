@@ -11,6 +11,7 @@ from rl.perception.radio import RadioConfig
 from rl.planning.planner import PlanConfig
 from rl.scenario import Evaluation, Scenario
 from taichi_sim.config import Fraction, NonNegative, Positive, Span, Strict, TeamConfig
+from taichi_sim.config.plausible import Plausible
 
 Angle = Annotated[float, Field(gt=0, lt=90)]
 
@@ -22,14 +23,19 @@ class LandingConfig(Strict):
     aircraft: Annotated[str, Field(min_length=1)] = "uav"  # with legs; number i lands on boat i, modulo their number
     distance: Span = (20.0, 60.0)  # of an aircraft from its deck as an episode begins, level, m
     height: Span = (10.0, 20.0)  # above the mean level of the sea then, m
-    apart: Positive = 200.0  # m between boats, abreast of each other
-    hold_distance: Positive = 20.0  # where aircraft wait for their turn on a deck: from it, level, m; assumed
-    hold_height: Positive = 12.0  # above its mean height, m, the first; the next ones 4 m more each; assumed
-    stand: Positive = 5.0  # s that all soles must be on the deck without a break
-    hard_speed: Positive = 1.0  # normal speed of a sole that comes down, at most, m/s
+    apart: Annotated[Positive, Plausible(2.0, 1e5, "m")] = 200.0  # m between boats, abreast of each other
+    # where aircraft wait for their turn on a deck: from it, level, m; assumed
+    hold_distance: Annotated[Positive, Plausible(0.5, 5000.0, "m")] = 20.0
+    # above its mean height, m, the first; the next ones 4 m more each; assumed
+    hold_height: Annotated[Positive, Plausible(0.5, 1000.0, "m")] = 12.0
+    # s that all soles must be on the deck without a break
+    stand: Annotated[Positive, Plausible(0.05, 600.0, "s")] = 5.0
+    # normal speed of a sole that comes down, at most
+    hard_speed: Annotated[Positive, Plausible(0.05, 20.0, "m/s")] = 1.0
     hard_tilt_deg: Angle = 10.0  # of the aircraft to the deck at the first touch, at most
     toppled_tilt_deg: Angle = 45.0  # of the aircraft to the deck after it; assumed
-    drift: Positive = 0.3  # on the deck, from where all soles were set down, at most, m
+    # on the deck, from where all soles were set down, at most
+    drift: Annotated[Positive, Plausible(5e-3, 20.0, "m")] = 0.3
 
     @model_validator(mode="after")
     def _consistent(self):
@@ -43,8 +49,9 @@ class CourseConfig(Strict):
 
     speed: Span = (0.0, 1.8)  # that is ordered, of each episode, m/s; 0: it stays, as far as its heading allows
     turn_deg: Annotated[float, Field(ge=0, le=180)] = 60.0  # by which a policy may leave the ordered course, each way
-    change: NonNegative = 0.8  # by which it may leave the ordered speed, each way, m/s; never below 0
-    turn_rate_deg: Positive = 4.0  # deg/s, of the course that is steered; assumed
+    # by which it may leave the ordered speed, each way, m/s; never below 0
+    change: Annotated[NonNegative, Plausible(0.01, 20.0, "m/s")] = 0.8
+    turn_rate_deg: Annotated[Positive, Plausible(0.05, 180.0, "deg/s")] = 4.0  # of the course that is steered; assumed
 
 
 class MarkerConfig(Strict):
@@ -52,13 +59,16 @@ class MarkerConfig(Strict):
 
     field_of_view_deg: Annotated[float, Field(gt=1, lt=179)] = 100.0  # full angle of a cone about the vertical
     axis_deg: Annotated[float, Field(ge=0, le=180)] = 0.0  # of that cone from straight down, toward the nose
-    range: Positive = 25.0  # m, farther away it is not made out
-    nearest: NonNegative = 0.3  # m, nearer than that it does not fit into the picture
+    range: Annotated[Positive, Plausible(0.5, 1000.0, "m")] = 25.0  # farther away it is not made out
+    # nearer than that it does not fit into the picture
+    nearest: Annotated[NonNegative, Plausible(5e-3, 50.0, "m")] = 0.3
     steepest_deg: Angle = 65.0  # between the line of sight and the deck's normal, at most
-    size: Positive = 0.8  # m, side of the marker
-    pixel_deg: NonNegative = 0.1  # standard deviation of a corner's line of sight
+    size: Annotated[Positive, Plausible(0.02, 20.0, "m")] = 0.8  # side of the marker
+    # standard deviation of a corner's line of sight
+    pixel_deg: Annotated[NonNegative, Plausible(1e-3, 5.0, "deg")] = 0.1
     loss: Fraction = 0.05  # of all looks
-    spray: NonNegative = 0.02  # of all looks, for each metre of significant wave height
+    # of all looks, for each metre of significant wave height
+    spray: Annotated[NonNegative, Plausible(1e-4, 1.0, "1/m")] = 0.02
 
     @model_validator(mode="after")
     def _looks_down(self):
@@ -81,31 +91,38 @@ class PilotConfig(Strict):
     """`[TEAM.pilot]`: numbers of the classical pilots (pilots.py), assumed but where it is said."""
 
     kind: Literal["descend", "forecast", "glide"] = "glide"
-    approach: Positive = 5.0  # the most over the deck's own velocity, level, m/s
-    braking: Positive = 2.0  # m/s^2, of the approach
-    position: Positive = 2.0  # 1/s, of the position loop
-    lag: NonNegative = 0.2  # s until a level command has its effect: rotors, attitude, half a decision
-    hover: Positive = 3.0  # m above the deck, soles: "descend" begins its descent there
-    wait: Positive = 1.2  # m above the deck, soles: "forecast" waits there
-    near: Positive = 0.17  # m, level, from the deck's middle: near enough to come down
-    fall: Positive = 0.5  # m/s over ground, at which "descend" comes down
-    sink: Positive = 0.3  # m/s over the deck, at which the others touch
-    steep: Positive = 0.6  # 1/s, by which that grows with the height above the deck
-    flare: NonNegative = 0.15  # m above the deck, soles: below it the thrust turns to the deck's normal
-    cone: Positive = 2.0  # height above the deck over the distance from its middle, at least, near it
-    slope: Positive = 0.3  # the same from afar, beside `floor`
-    floor: Positive = 1.0  # m
-    quiet_heave: Positive = 0.5  # m/s, vertical speed of the deck in a quiescent window
-    quiet_tilt_deg: Positive = 5.0  # of the deck in one
-    patience: Positive = 8.0  # s: a window is twice as wide after each
+    approach: Annotated[Positive, Plausible(0.1, 50.0, "m/s")] = 5.0  # the most over the deck's own velocity, level
+    braking: Annotated[Positive, Plausible(0.05, 20.0, "m/s^2")] = 2.0  # of the approach
+    position: Annotated[Positive, Plausible(0.02, 20.0, "1/s")] = 2.0  # of the position loop
+    # s until a level command has its effect: rotors, attitude, half a decision
+    lag: Annotated[NonNegative, Plausible(2e-3, 5.0, "s")] = 0.2
+    # m above the deck, soles: "descend" begins its descent there
+    hover: Annotated[Positive, Plausible(0.1, 100.0, "m")] = 3.0
+    wait: Annotated[Positive, Plausible(0.05, 50.0, "m")] = 1.2  # m above the deck, soles: "forecast" waits there
+    # level, from the deck's middle: near enough to come down
+    near: Annotated[Positive, Plausible(5e-3, 5.0, "m")] = 0.17
+    fall: Annotated[Positive, Plausible(0.02, 10.0, "m/s")] = 0.5  # m/s over ground, at which "descend" comes down
+    sink: Annotated[Positive, Plausible(0.02, 5.0, "m/s")] = 0.3  # m/s over the deck, at which the others touch
+    steep: Annotated[Positive, Plausible(0.02, 10.0, "1/s")] = 0.6  # by which that grows with the height above the deck
+    # m above the deck, soles: below it the thrust turns to the deck's normal
+    flare: Annotated[NonNegative, Plausible(5e-3, 5.0, "m")] = 0.15
+    # height above the deck over the distance from its middle, at least, near it
+    cone: Annotated[Positive, Plausible(0.05, 50.0)] = 2.0
+    slope: Annotated[Positive, Plausible(5e-3, 10.0)] = 0.3  # the same from afar, beside `floor`
+    floor: Annotated[Positive, Plausible(0.02, 50.0, "m")] = 1.0
+    # vertical speed of the deck in a quiescent window
+    quiet_heave: Annotated[Positive, Plausible(0.02, 10.0, "m/s")] = 0.5
+    quiet_tilt_deg: Annotated[Positive, Plausible(0.2, 45.0, "deg")] = 5.0  # of the deck in one
+    patience: Annotated[Positive, Plausible(0.2, 600.0, "s")] = 8.0  # s: a window is twice as wide after each
 
 
 class CorrectionConfig(Strict):
     """`[TEAM.correction]`: a policy corrects the velocity that the pilot wants, in the level frame of the deck."""
 
-    level: NonNegative = 4.0  # m/s, the most, ahead and to starboard of the deck
-    vertical: NonNegative = 4.0  # m/s, the most
-    reach: Positive = 8.0  # m from the deck: nearer, both fall in proportion, to 0.15 of themselves at it
+    level: Annotated[NonNegative, Plausible(0.05, 30.0, "m/s")] = 4.0  # the most, ahead and to starboard of the deck
+    vertical: Annotated[NonNegative, Plausible(0.05, 30.0, "m/s")] = 4.0  # the most
+    # m from the deck: nearer, both fall in proportion, to 0.15 of themselves at it
+    reach: Annotated[Positive, Plausible(0.2, 500.0, "m")] = 8.0
 
 
 class LandingTeam(TeamConfig):

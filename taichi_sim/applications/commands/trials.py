@@ -29,7 +29,7 @@ import numpy as np
 
 from taichi_sim.applications.trials import flight, ship
 from taichi_sim.applications.trials.basin import Setting
-from taichi_sim.applications.trials.results import Outcome, TrialError, TrialsReport, criteria
+from taichi_sim.applications.trials.results import Outcome, TrialError, TrialsReport, criteria, doubts
 from taichi_sim.config import AirConfig, ConfigError, SeaConfig, Strict
 from taichi_sim.config.base import Table
 from taichi_sim.config.io import refuse_unwritable, validate
@@ -174,8 +174,9 @@ def run(args: argparse.Namespace, shown: Callable[[str], None]) -> TrialsReport:
             found = Outcome(name, name.replace("_", " "), refused=str(refusal).removeprefix(f"{args.vehicle}: "))
         outcomes.append(found)
         shown(f"{found.title}: {found.refused or f'{time.perf_counter() - began:.1f} s'}")
-    met = criteria(outcomes, model.size[0], args.scale) if kind == "vessel" else []
-    return TrialsReport(Path(args.vehicle).stem, kind, told, outcomes, met, model.size[0])
+    doubted = doubts(outcomes, model.params) if kind == "vessel" else []
+    met = criteria(outcomes, model.size[0], args.scale, doubted) if kind == "vessel" else []
+    return TrialsReport(Path(args.vehicle).stem, kind, told, outcomes, met, model.size[0], doubted)
 
 
 def write(report: TrialsReport, folder: Path) -> None:
@@ -224,8 +225,11 @@ def lines(report: TrialsReport) -> list[str]:
         found.append("\nIMO MSC.137(76)")
         for c in report.criteria:
             factor, unit = (math.degrees(1.0), "deg") if c.unit == "rad" else (1.0, "")
-            kept, value, limit = "met    " if c.met else "NOT MET", c.value * factor, c.limit * factor
-            found.append(f"  {kept}  {value:8.3f} of at most {limit:6.2f} {unit:3}  {c.name}, {c.case}")
+            value, limit = c.value * factor, c.limit * factor
+            found.append(f"  {c.judgement:7}  {value:8.3f} of at most {limit:6.2f} {unit:3}  {c.name}, {c.case}")
+    if report.doubts:
+        found.append("\nNo vessel has these figures: a number of the vehicle file is wrong, or missing")
+        found += [f"  {doubt}" for doubt in report.doubts]
     return found
 
 

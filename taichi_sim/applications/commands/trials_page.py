@@ -20,11 +20,15 @@ def page_of(report: TrialsReport) -> str:
         parts = [section(out.title, _figures(out), _pictures(out)) for out in report.outcomes if not out.refused]
     if report.criteria:
         rows = [
-            (c.name, c.case, shown(c.value, c.unit), shown(c.limit, c.unit), "yes" if c.met else "no")
+            (c.name, c.case, shown(c.value, c.unit), shown(c.limit, c.unit), c.judgement.lower())
             for c in report.criteria
         ]
         limits = table(("criterion", "case", "figure", "at most", "met"), rows, numbers=False)
         parts.insert(0, section("IMO MSC.137(76)", limits))
+    if report.doubts:
+        rows = [(d.trial, d.case, d.name, shown(d.value, d.unit), d.why) for d in report.doubts]
+        told = table(("trial", "case", "figure", "value", "why"), rows, numbers=False)
+        parts.insert(0, section("No vessel has these figures: a number of the file is wrong, or missing", told))
     refused = [(out.title, out.refused) for out in report.outcomes if out.refused]
     if refused:
         parts.append(section("Not done", table(("trial", "why"), refused, numbers=False)))

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from taichi_sim.config import ConfigError, Finite, NonNegative, Positive, Strict
+from taichi_sim.config.plausible import Plausible
 from taichi_sim.kernels.rigid_body import skew
 
 MOST_LEGS = 8
@@ -21,10 +22,19 @@ OVERHANG = 1.0  # largest extent of a deck, over that of the hull
 class Deck(Strict):
     """A level rectangle of a vehicle on which others land, in the frame b (forward-right-down)."""
 
-    place: tuple[Finite, Finite]  # x and y of the centre, m
-    size: tuple[Positive, Positive]  # along x and along y, m
-    height: Positive  # above the origin (for a vessel, the design waterline), m
-    friction: NonNegative  # Coulomb's coefficient, the same for sticking and sliding
+    # x and y of the centre
+    place: tuple[
+        Annotated[Finite, Plausible(1e-3, 0.5, "m", of="length", either=True)],
+        Annotated[Finite, Plausible(1e-3, 0.5, "m", of="beam", either=True)],
+    ]
+    # along x and along y
+    size: tuple[
+        Annotated[Positive, Plausible(0.02, 1.0, "m", of="length")],
+        Annotated[Positive, Plausible(0.05, 1.0, "m", of="beam")],
+    ]
+    # above the origin (for a vessel, the design waterline)
+    height: Annotated[Positive, Plausible(0.05, 1.5, "m", of="height")]
+    friction: Annotated[NonNegative, Plausible(0.05, 2.0)]  # Coulomb's coefficient, the same for sticking and sliding
 
     @property
     def centre(self) -> tuple[float, float, float]:
@@ -55,13 +65,18 @@ class Deck(Strict):
                 )
 
 
+Across = Annotated[Finite, Plausible(5e-3, 2.0, "m", of="reach", either=True)]
+Down = Annotated[Finite, Plausible(5e-3, 3.0, "m", of="reach", either=True)]
+
+
 class Legs(Strict):
     """Contact points of an aircraft. Each has one spring and one damper, the same along the normal and in the plane."""
 
-    points: Annotated[tuple[tuple[Finite, Finite, Finite], ...], Field(min_length=1, max_length=MOST_LEGS)]
+    points: Annotated[tuple[tuple[Across, Across, Down], ...], Field(min_length=1, max_length=MOST_LEGS)]
     """Positions of the soles, in the frame of the vehicle file's other positions (forward-right-down), m."""
-    stiffness: Positive  # of each sole, along the normal and in the plane, N/m
-    damping: NonNegative  # of each sole, N s/m
+    # of each sole, along the normal and in the plane
+    stiffness: Annotated[Positive, Plausible(0.5, 2000.0, "N/m", of="physical.mass g reach^-1")]
+    damping: Annotated[NonNegative, Plausible(5e-3, 5.0, "N s/m", of="stiffness^0.5 physical.mass^0.5")]  # of each sole
 
     def check_below(self, rotors: NDArray[np.float64]) -> None:
         """Refuse legs that are not below the rotors, whose hubs are at `rotors` [rotor, 3] (m, the same frame).

@@ -28,6 +28,7 @@ from pydantic import Field
 from torch import Tensor
 
 from taichi_sim.config import NonNegative, Positive
+from taichi_sim.config.plausible import Plausible
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, fast_maths, lanes
 from taichi_sim.kernels.abreast import group, put, taken
@@ -56,23 +57,23 @@ INCREMENT, ANGLE = AUX.index("roll_increment"), AUX.index("roll")  # first of th
 class UnityAircraftParams(VehicleParams):
     """Parameters of configs/vehicles/unity_aircraft.toml."""
 
-    mass: Positive  # kg
-    thrust: Positive  # T, N
-    thrust_factor: Positive  # 2.5 in the paper
-    boost_min: Positive  # boost at the action -1
-    boost_max: Positive  # boost at the action 1
-    drag: NonNegative  # 1/s
-    pitch_speed_deg: Positive  # deg/s
-    yaw_speed_deg: Positive  # deg/s
-    roll_speed_deg: Positive  # deg/s
-    smooth_rate: Positive  # 1/s
-    max_pitch_deg: Annotated[float, Field(gt=0, le=90)]
-    max_roll_deg: Annotated[float, Field(gt=0, le=90)]
+    mass: Annotated[Positive, Plausible(1.0, 700.0, "kg", of="length span height")]
+    thrust: Annotated[Positive, Plausible(0.1, 200.0, "N", of="mass g")]  # T
+    thrust_factor: Annotated[Positive, Plausible(0.1, 10.0)]  # 2.5 in the paper
+    boost_min: Annotated[Positive, Plausible(1e-3, 1.0, of="boost_max")]  # boost at the action -1
+    boost_max: Annotated[Positive, Plausible(0.1, 20.0)]  # boost at the action 1
+    drag: Annotated[NonNegative, Plausible(0.05, 50.0, "1/s")]
+    pitch_speed_deg: Annotated[Positive, Plausible(5.0, 720.0, "deg/s")]
+    yaw_speed_deg: Annotated[Positive, Plausible(5.0, 720.0, "deg/s")]
+    roll_speed_deg: Annotated[Positive, Plausible(5.0, 720.0, "deg/s")]
+    smooth_rate: Annotated[Positive, Plausible(0.1, 50.0, "1/s")]
+    max_pitch_deg: Annotated[float, Field(gt=0, le=90), Plausible(5.0, 90.0, "deg")]
+    max_roll_deg: Annotated[float, Field(gt=0, le=90), Plausible(5.0, 90.0, "deg")]
     roll_rule: Literal["script", "coordinated"]
-    length: Positive  # m
-    span: Positive  # m
-    height: Positive  # m
-    collision_radius: Positive  # m
+    length: Annotated[Positive, Plausible(0.1, 50.0, "m")]
+    span: Annotated[Positive, Plausible(0.2, 5.0, "m", of="length")]
+    height: Annotated[Positive, Plausible(0.02, 1.5, "m", of="length")]
+    collision_radius: Annotated[Positive, Plausible(0.2, 1.5, "m", of="span")]
 
     @property
     def size(self) -> tuple[float, float, float]:

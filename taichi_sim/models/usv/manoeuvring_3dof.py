@@ -27,7 +27,7 @@ external load act as on a hull that floats upright; Z, K and M have no effect.
 import math
 from collections import namedtuple
 from collections.abc import Mapping
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import taichi as ti
@@ -36,7 +36,8 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
 from torch import Tensor
 
-from taichi_sim.config import Finite, NonNegative, Positive
+from taichi_sim.config import Finite, NonNegative, NonPositive, Positive
+from taichi_sim.config.plausible import Plausible
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import fast_maths
 from taichi_sim.kernels.abreast import taken, taken2
@@ -54,7 +55,17 @@ from taichi_sim.models.usv.planar_shared import (
     write_rates,
     write_state,
 )  # fmt: skip
-from taichi_sim.models.usv.vessel_base import Number, Vessel, check_top_speed, steady_speed
+from taichi_sim.models.usv.vessel_base import (
+    Beam,
+    CollisionRadius,
+    Height,
+    Lag,
+    Length,
+    Number,
+    TopSpeed,
+    Vessel,
+    steady_speed,
+)  # fmt: skip
 from taichi_sim.surroundings.around_vehicles import Surroundings
 from taichi_sim.vehicle import Limits, UnstableStepError, VehicleParams
 
@@ -62,58 +73,53 @@ from taichi_sim.vehicle import Limits, UnstableStepError, VehicleParams
 class Manoeuvring3dofParams(VehicleParams):
     """Parameters of a vehicle file with model = "manoeuvring_3dof"; derivatives that are not given are zero."""
 
-    length: Positive  # m
-    beam: Positive  # m
-    height: Positive  # m
-    collision_radius: Positive  # m
-    mass: Positive  # kg, also of the displaced water
-    I_z: Positive  # kg m^2, about the body origin
-    x_g: Finite = 0.0  # centre of mass ahead of the body origin, m
-    X_udot: Finite = 0.0  # added mass, kg (negative)
-    Y_vdot: Finite = 0.0  # kg
-    Y_rdot: Finite = 0.0  # kg m
-    N_vdot: Finite = 0.0  # kg m
-    N_rdot: Finite = 0.0  # kg m^2
-    X_u: Finite = 0.0  # N s/m
-    X_uu: Finite = 0.0  # N s^2/m^2, of |u| u
-    X_uuu: Finite = 0.0  # N s^3/m^3
-    Y_v: Finite = 0.0  # N s/m
-    Y_vv: Finite = 0.0  # N s^2/m^2, of |v| v
-    Y_rv: Finite = 0.0  # N s^2/m, of |r| v
-    Y_r: Finite = 0.0  # N s
-    Y_vr: Finite = 0.0  # N s^2/m, of |v| r
-    Y_rr: Finite = 0.0  # N s^2, of |r| r
-    N_v: Finite = 0.0  # N s
-    N_vv: Finite = 0.0  # N s^2/m, of |v| v
-    N_rv: Finite = 0.0  # N s^2, of |r| v
-    N_r: Finite = 0.0  # N m s
-    N_vr: Finite = 0.0  # N s^2, of |v| r
-    N_rr: Finite = 0.0  # N m s^2, of |r| r
+    length: Length
+    beam: Beam
+    height: Height
+    collision_radius: CollisionRadius
+    mass: Annotated[Positive, Plausible(5e-4, 0.2, "kg", of="rho_sea length^2 beam")]  # also of the displaced water
+    I_z: Annotated[Positive, Plausible(0.01, 0.25, "kg m^2", of="mass length^2")]  # about the body origin
+    x_g: Annotated[Finite, Plausible(5e-4, 0.3, "m", of="length", either=True)] = 0.0  # CM ahead of the origin
+    X_udot: Annotated[NonPositive, Plausible(-1.5, -5e-3, "kg", of="mass")] = 0.0  # added mass, kg (negative)
+    Y_vdot: Annotated[NonPositive, Plausible(-5.0, -0.03, "kg", of="mass")] = 0.0
+    Y_rdot: Annotated[Finite, Plausible(1e-4, 0.5, "kg m", of="mass length", either=True)] = 0.0
+    N_vdot: Annotated[Finite, Plausible(1e-4, 0.5, "kg m", of="mass length", either=True)] = 0.0
+    N_rdot: Annotated[NonPositive, Plausible(-0.5, -1e-3, "kg m^2", of="mass length^2")] = 0.0
+    X_u: Annotated[Finite, Plausible(-1.5, -3e-4, "N s/m", of="mass g^0.5 length^-0.5")] = 0.0
+    X_uu: Annotated[Finite, Plausible(-0.3, -3e-4, "N s^2/m^2", of="rho_sea length beam")] = 0.0  # of |u| u
+    X_uuu: Annotated[Finite, Plausible(-1.0, -1e-3, "N s^3/m^3", of="rho_sea g^-0.5 length^0.5 beam")] = 0.0
+    Y_v: Annotated[NonPositive, Plausible(-100.0, -0.05, "N s/m", of="X_u")] = 0.0
+    Y_vv: Annotated[Finite, Plausible(-10.0, -0.01, "N s^2/m^2", of="mass beam^-1")] = 0.0  # of |v| v
+    Y_rv: Annotated[Finite, Plausible(1e-3, 5.0, "N s^2/m", of="mass beam^-1 length", either=True)] = 0.0  # of |r| v
+    Y_r: Annotated[Finite, Plausible(1e-4, 3.0, "N s", of="mass g^0.5 length^0.5", either=True)] = 0.0
+    Y_vr: Annotated[Finite, Plausible(1e-3, 5.0, "N s^2/m", of="mass beam^-1 length", either=True)] = 0.0  # of |v| r
+    Y_rr: Annotated[Finite, Plausible(1e-3, 3.0, "N s^2", of="mass beam^-1 length^2", either=True)] = 0.0  # of |r| r
+    N_v: Annotated[Finite, Plausible(1e-4, 0.3, "N s", of="mass g^0.5 length^0.5", either=True)] = 0.0
+    N_vv: Annotated[Finite, Plausible(1e-3, 2.0, "N s^2/m", of="mass beam^-1 length", either=True)] = 0.0  # of |v| v
+    N_rv: Annotated[Finite, Plausible(0.01, 10.0, "N s^2", of="N_rr length^-1", either=True)] = 0.0  # of |r| v
+    N_r: Annotated[NonPositive, Plausible(-1.0, -5e-4, "N m s", of="mass g^0.5 length^1.5")] = 0.0
+    N_vr: Annotated[Finite, Plausible(0.01, 10.0, "N s^2", of="N_rr length^-1", either=True)] = 0.0  # of |v| r
+    N_rr: Annotated[Finite, Plausible(-3.0, -1e-3, "N m s^2", of="mass beam^-1 length^3")] = 0.0  # of |r| r
     actions: Literal["acceleration_yaw", "surge_sway_yaw"] = "acceleration_yaw"
-    surge_force_max: Positive  # N
-    sway_force_max: NonNegative = 0.0  # N, for actions = "surge_sway_yaw"
-    yaw_moment_max: Positive  # N m
-    time_constant: NonNegative = 0.0  # of the actuators, s; 0: a command acts at once
+    surge_force_max: Annotated[Positive, Plausible(2e-4, 2.0, "N", of="mass g")]
+    # for actions = "surge_sway_yaw"
+    sway_force_max: Annotated[NonNegative, Plausible(0.02, 3.0, "N", of="surge_force_max")] = 0.0
+    yaw_moment_max: Annotated[Positive, Plausible(0.01, 2.0, "N m", of="surge_force_max length")]
+    time_constant: Lag = 0.0  # of the actuators, s; 0: a command acts at once
     wave_response: bool = True  # whether waves push the hull; it rides on them in any case
 
     @model_validator(mode="after")
     def _signs_and_sizes(self):
-        for name in ("X_udot", "Y_vdot", "N_rdot"):
-            if (value := getattr(self, name)) > 0:
-                raise ValueError(f"{name} = {value}: an added mass on the diagonal is negative or 0 in these signs")
         for axis, force, damping in (
             ("Y", max(self.sway_force_max, self.surge_force_max), (self.Y_v, self.Y_vv)),
             ("N", self.yaw_moment_max, (self.N_r, self.N_rr)),
         ):
             grows = any(damping) and math.isinf(steady_speed(force, -damping[0], -damping[1]))
-            if damping[0] > 0 or grows:
+            if grows:
                 names = "Y_v, Y_vv" if axis == "Y" else "N_r, N_rr"
                 raise ValueError(
                     f"{names} = {damping[0]}, {damping[1]} do not damp: damping is negative in these signs"
                 )
-        if self.X_u or self.X_uu or self.X_uuu:
-            keys = "surge_force_max, X_u, X_uu, X_uuu (negative in these signs)"
-            check_top_speed(self.steady_surge(self.surge_force_max), self.length, keys)
         if np.linalg.eigvalsh(self.M + self.M.T).min() <= 0:
             raise ValueError("mass, I_z, x_g and added mass must make a positive definite inertia matrix")
         return self
@@ -122,6 +128,11 @@ class Manoeuvring3dofParams(VehicleParams):
     def size(self) -> tuple[float, float, float]:
         """Length, beam, height, m."""
         return self.length, self.beam, self.height
+
+    @property
+    def top_speed(self) -> TopSpeed:
+        """Speed of a straight run under the whole force, m/s; 0 without damping, which gives none."""
+        return self.steady_surge(self.surge_force_max) if self.X_u or self.X_uu or self.X_uuu else 0.0
 
     @property
     def M(self) -> np.ndarray:  # noqa: N802

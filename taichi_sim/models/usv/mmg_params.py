@@ -13,7 +13,17 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
-from taichi_sim.models.usv.vessel_base import WaterDensity, Windage, check_top_speed, steady_speed
+from taichi_sim.config.plausible import Plausible
+from taichi_sim.models.usv.vessel_base import (
+    Beam,
+    CollisionRadius,
+    Height,
+    Lag,
+    Length,
+    WaterDensity,
+    Windage,
+    steady_speed,
+)
 from taichi_sim.vehicle import VehicleParams
 
 Count = Annotated[int, Field(ge=1, le=2)]
@@ -22,39 +32,36 @@ Angle = Annotated[float, Field(ge=2, le=90)]  # less is a number of radians
 Along = Annotated[float, Field(ge=-1, le=1)]  # over the length; more is a number of metres
 Astern = Annotated[float, Field(ge=-1, le=0)]
 NonPositive = Annotated[float, Field(ge=-10, le=0)]
-SLENDEREST = 0.1  # least block coefficient; assumed
-GYRATION = 0.1, 0.6  # least and largest radius of gyration over the length; assumed, about 0.25 is usual
-SWIFTEST = 1.0  # largest Froude number: the polynomial is of hulls that displace water
 
 
 class HullPolynomial(Strict):
     """Resistance, and the polynomial of v' = v / U and r' = r L / U (eq. 7); derivatives not given are zero."""
 
-    R_0: Annotated[float, Field(gt=0, le=1)]  # resistance in a straight run
-    X_vv: Finite = 0.0
-    X_vr: Finite = 0.0
-    X_rr: Finite = 0.0
-    X_vvvv: Finite = 0.0
-    Y_v: NonPositive = 0.0
-    Y_r: Finite = 0.0
-    Y_vvv: Finite = 0.0
-    Y_vvr: Finite = 0.0
-    Y_vrr: Finite = 0.0
-    Y_rrr: Finite = 0.0
-    N_v: Finite = 0.0
-    N_r: NonPositive = 0.0
-    N_vvv: Finite = 0.0
-    N_vvr: Finite = 0.0
-    N_vrr: Finite = 0.0
-    N_rrr: Finite = 0.0
+    R_0: Annotated[float, Field(gt=0, le=1), Plausible(2e-3, 0.2)]  # resistance in a straight run
+    X_vv: Annotated[Finite, Plausible(1e-3, 1.0, either=True)] = 0.0
+    X_vr: Annotated[Finite, Plausible(1e-4, 1.0, either=True)] = 0.0
+    X_rr: Annotated[Finite, Plausible(5e-4, 1.0, either=True)] = 0.0
+    X_vvvv: Annotated[Finite, Plausible(0.01, 10.0)] = 0.0
+    Y_v: Annotated[NonPositive, Plausible(-2.0, -0.02)] = 0.0
+    Y_r: Annotated[Finite, Plausible(1e-3, 0.9, either=True)] = 0.0
+    Y_vvv: Annotated[Finite, Plausible(-10.0, -0.05)] = 0.0
+    Y_vvr: Annotated[Finite, Plausible(0.01, 10.0, either=True)] = 0.0
+    Y_vrr: Annotated[Finite, Plausible(-5.0, -0.01)] = 0.0
+    Y_rrr: Annotated[Finite, Plausible(1e-4, 1.0, either=True)] = 0.0
+    N_v: Annotated[Finite, Plausible(-1.0, -5e-3)] = 0.0
+    N_r: Annotated[NonPositive, Plausible(-0.5, -2e-3)] = 0.0
+    N_vvv: Annotated[Finite, Plausible(1e-3, 2.0, either=True)] = 0.0
+    N_vvr: Annotated[Finite, Plausible(-3.0, -5e-3)] = 0.0
+    N_vrr: Annotated[Finite, Plausible(1e-3, 3.0, either=True)] = 0.0
+    N_rrr: Annotated[Finite, Plausible(-0.5, -5e-4)] = 0.0
 
 
 class HullDerivatives(HullPolynomial):
     """The polynomial, and added mass."""
 
-    m_x: NonNegative  # added mass
-    m_y: NonNegative
-    J_z: NonNegative  # added inertia
+    m_x: Annotated[NonNegative, Plausible(1e-3, 1.0)]  # added mass
+    m_y: Annotated[NonNegative, Plausible(0.01, 2.0)]
+    J_z: Annotated[NonNegative, Plausible(1e-3, 1.0)]  # added inertia
 
 
 class Propeller(Strict):
@@ -65,21 +72,22 @@ class Propeller(Strict):
     """
 
     count: Count = 1  # one on the centreline, or two abreast at the same speed
-    diameter: Positive  # D, m
-    x: Along  # x_P', position ahead of midships
-    t_P: Fraction  # thrust deduction
-    w_P0: Fraction  # wake fraction in a straight run
-    C_1: NonNegative = 0.0  # coefficient of the wake in drift and turning
-    C_2_positive: Positive = 1.0  # C_2 where beta_P > 0
-    C_2_negative: Positive = 1.0  # C_2 where beta_P < 0
-    k_0: Positive
-    k_1: Finite
-    k_2: Finite
-    n_ahead: Positive  # highest revolutions, 1/s
-    n_astern: NonNegative = 0.0  # highest revolutions astern, 1/s
-    astern: NonNegative = 0.7  # K_T at J = 0 with revolutions astern, over k_0; assumed
-    time_constant: NonNegative = 0.0  # s
-    rate: Positive = 1e3  # highest rate of change of the revolutions, 1/s^2
+    diameter: Annotated[Positive, Plausible(0.1, 1.2, "m", of="draft")]  # D
+    x: Annotated[Along, Plausible(-0.8, -0.3)]  # x_P', position ahead of midships
+    t_P: Annotated[Fraction, Plausible(0.01, 0.5)]  # thrust deduction
+    w_P0: Annotated[Fraction, Plausible(0.01, 0.7)]  # wake fraction in a straight run
+    C_1: Annotated[NonNegative, Plausible(0.2, 20.0)] = 0.0  # coefficient of the wake in drift and turning
+    C_2_positive: Annotated[Positive, Plausible(0.5, 3.0)] = 1.0  # C_2 where beta_P > 0
+    C_2_negative: Annotated[Positive, Plausible(0.5, 3.0)] = 1.0  # C_2 where beta_P < 0
+    k_0: Annotated[Positive, Plausible(0.05, 1.2)]
+    k_1: Annotated[Finite, Plausible(-1.0, -0.02)]
+    k_2: Annotated[Finite, Plausible(-0.6, -5e-3)]
+    n_ahead: Annotated[Positive, Plausible(0.1, 40.0, "1/s", of="g^0.5 diameter^-0.5")]  # highest revolutions
+    n_astern: Annotated[NonNegative, Plausible(0.05, 2.0, "1/s", of="n_ahead")] = 0.0  # highest revolutions astern
+    astern: Annotated[NonNegative, Plausible(0.1, 1.5)] = 0.7  # K_T at J = 0 with revolutions astern, over k_0; assumed
+    time_constant: Lag = 0.0
+    # highest rate of change of the revolutions
+    rate: Annotated[Positive, Plausible(3e-3, math.inf, "1/s^2", of="n_ahead g^0.5 length^-0.5")] = 1e3
 
     def steady_speed(self, n: float, density: float, linear: float, quadratic: float) -> float:
         """Speed u (m/s) of a straight run in calm water at n > 0 (1/s), against (linear + quadratic u) u (N):
@@ -95,22 +103,23 @@ class Rudder(Strict):
     """Normal force of the rudder, and its interaction with the hull (eqs. 18 to 26)."""
 
     count: Count = 1  # each behind a propeller
-    area: Positive  # A_R, m^2
-    span: Positive  # H_R, m
-    x: Astern = -0.5  # x_R', position ahead of midships
-    f_alpha: Positive | None = None  # gradient of the lift; default: Fujii's formula with `aspect_ratio`
-    aspect_ratio: Positive | None = None  # Lambda; default: span^2 / area
-    t_R: Finite = 0.0  # steering resistance deduction
-    a_H: Finite = 0.0  # additional side force on the hull over that of the rudder
-    x_H: Along = 0.0  # x_H', position of the additional side force
-    gamma_R_positive: Finite  # flow straightening where beta_R > 0
-    gamma_R_negative: Finite  # flow straightening where beta_R < 0
-    l_R: Finite  # l_R', effective position in beta_R = beta - l_R' r'
-    epsilon: Positive  # wake at the rudder over wake at the propeller
-    kappa: NonNegative  # acceleration of the slipstream
-    angle_max_deg: Angle = 35.0
-    time_constant: NonNegative = 0.0  # s
-    rate_deg: Annotated[float, Field(ge=0.5, le=1e3)]  # deg/s; less is a number of rad/s
+    area: Annotated[Positive, Plausible(3e-3, 0.15, "m^2", of="length draft")]  # A_R
+    span: Annotated[Positive, Plausible(0.2, 1.5, "m", of="draft")]  # H_R
+    x: Annotated[Astern, Plausible(-0.7, -0.3)] = -0.5  # x_R', position ahead of midships
+    # gradient of the lift; default: Fujii's formula with `aspect_ratio`
+    f_alpha: Annotated[Positive, Plausible(0.5, 6.0)] | None = None
+    aspect_ratio: Annotated[Positive, Plausible(0.3, 8.0)] | None = None  # Lambda; default: span^2 / area
+    t_R: Annotated[Finite, Plausible(0.02, 0.9)] = 0.0  # steering resistance deduction
+    a_H: Annotated[Finite, Plausible(0.01, 1.5)] = 0.0  # additional side force on the hull over that of the rudder
+    x_H: Annotated[Along, Plausible(-0.8, -0.05)] = 0.0  # x_H', position of the additional side force
+    gamma_R_positive: Annotated[Finite, Plausible(0.02, 1.5)]  # flow straightening where beta_R > 0
+    gamma_R_negative: Annotated[Finite, Plausible(0.02, 1.5)]  # flow straightening where beta_R < 0
+    l_R: Annotated[Finite, Plausible(-1.5, -0.2)]  # l_R', effective position in beta_R = beta - l_R' r'
+    epsilon: Annotated[Positive, Plausible(0.3, 2.5)]  # wake at the rudder over wake at the propeller
+    kappa: Annotated[NonNegative, Plausible(0.05, 1.5)]  # acceleration of the slipstream
+    angle_max_deg: Annotated[Angle, Plausible(5.0, 90.0, "deg")] = 35.0
+    time_constant: Lag = 0.0
+    rate_deg: Annotated[float, Field(ge=0.5, le=1e3), Plausible(0.5, 1e3, "deg/s")]  # deg/s; less is a number of rad/s
 
     @property
     def lift_gradient(self) -> float:
@@ -134,28 +143,29 @@ def check_slipstream(propeller: Propeller, rudder: Rudder) -> None:
 class HullOnPanels(HullPolynomial):
     """The polynomial of a hull in six degrees of freedom."""
 
-    z: Finite  # depth below CO at which its forces act, m
+    z: Annotated[Finite, Plausible(0.1, 1.2, "m", of="draft")]  # depth below CO at which its forces act
 
 
 class PropellerOnPanels(Propeller):
     """The propellers of a hull in six degrees of freedom. Two have their own revolutions."""
 
-    y: NonNegative = 0.0  # distance of two propellers from the centreline, m
-    z: Finite  # depth of the shafts below CO, m
+    # distance of two propellers from the centreline
+    y: Annotated[NonNegative, Plausible(0.05, 0.6, "m", of="beam")] = 0.0
+    z: Annotated[Finite, Plausible(0.1, 1.5, "m", of="draft")]  # depth of the shafts below CO
 
 
 class RudderOnPanels(Rudder):
     """The rudders of a hull in six degrees of freedom. Two turn together."""
 
-    y: NonNegative = 0.0  # distance of two rudders from the centreline, m
-    z: Finite  # depth below CO at which their forces act, m
+    y: Annotated[NonNegative, Plausible(0.05, 0.6, "m", of="beam")] = 0.0  # distance of two rudders from the centreline
+    z: Annotated[Finite, Plausible(0.1, 1.5, "m", of="draft")]  # depth below CO at which their forces act
 
 
 class MmgSection(Strict):
     """`[mmg]`: propellers and rudders of a `hull_6dof` (hull/mmg_drive.py), and its manoeuvring polynomial."""
 
-    length: Positive  # L, between perpendiculars, m
-    draft: Positive  # d, m
+    length: Annotated[Positive, Plausible(0.7, 1.1, "m", of="length")]  # L, between perpendiculars
+    draft: Annotated[Positive, Plausible(0.5, 1.5, "m", of="draft")]  # d
     density: WaterDensity  # rho, of the water, kg/m^3
     hull: HullOnPanels | None = None  # instead of the damping of surge, sway and yaw in [hydrodynamics]
     propeller: PropellerOnPanels
@@ -185,15 +195,16 @@ class MmgSection(Strict):
 class MmgParams(VehicleParams):
     """Parameters of a vehicle file of `mmg_3dof`."""
 
-    length: Positive  # L, between perpendiculars, m
-    beam: Positive  # m
-    draft: Positive  # d, m
-    height: Positive  # keel to the highest part, for drawing, m
-    collision_radius: Positive  # m
+    length: Length  # L, between perpendiculars
+    beam: Beam
+    draft: Annotated[Positive, Plausible(0.02, 1.5, "m", of="beam")]  # d
+    height: Height  # keel to the highest part, for drawing
+    collision_radius: CollisionRadius
     density: WaterDensity  # rho, of the water, kg/m^3
-    displacement: Positive  # displaced volume, m^3
-    x_G: Finite = 0.0  # centre of mass ahead of midships, m
-    gyration: Positive  # radius of gyration in yaw about the centre of mass, m
+    displacement: Annotated[Positive, Plausible(0.1, 1.0, "m^3", of="length beam draft", far=1.0)]  # displaced volume
+    x_G: Annotated[Finite, Plausible(5e-4, 0.3, "m", of="length", either=True)] = 0.0  # CM ahead of midships
+    # radius of gyration in yaw about the centre of mass
+    gyration: Annotated[Positive, Plausible(0.1, 0.6, "m", of="length", far=1.0)]
     wave_response: bool = True  # whether waves push the hull; it rides on them in any case
     hull: HullDerivatives
     propeller: Propeller
@@ -203,21 +214,8 @@ class MmgParams(VehicleParams):
     @model_validator(mode="after")
     def _consistent(self):
         check_slipstream(self.propeller, self.rudder)
-        block = self.displacement / (self.length * self.beam * self.draft)
-        if not SLENDEREST <= block <= 1:
-            raise ValueError(
-                f"displacement = {self.displacement} m^3 is {block:.3g} times length x beam x draft; hulls have "
-                f"{SLENDEREST} to 1"
-            )
-        if abs(self.x_G) > self.length / 2:
-            raise ValueError(f"x_G = {self.x_G} m is outside the hull: at most {self.length / 2:g} m from midships")
-        if not GYRATION[0] <= self.gyration / self.length <= GYRATION[1]:
-            low, high = (share * self.length for share in GYRATION)
-            raise ValueError(f"gyration = {self.gyration} m: a hull of this length has {low:.3g} to {high:.3g} m")
-        speed = self.steady_speed(self.propeller.n_ahead)
-        if not 0 < speed < math.inf:
+        if not 0 < self.top_speed < math.inf:
             raise ValueError("propeller.k_0, k_1, k_2 with hull.R_0 give no steady speed at n_ahead")
-        check_top_speed(speed, self.length, "propeller.n_ahead (1/s), diameter, hull.R_0", SWIFTEST)
         return self
 
     @property
@@ -229,6 +227,11 @@ class MmgParams(VehicleParams):
     def mass(self) -> float:
         """Mass, kg."""
         return self.density * self.displacement
+
+    @property
+    def top_speed(self) -> Annotated[float, Plausible(0.02, 0.6, "m/s", of="length^0.5 g^0.5", far=5 / 3)]:
+        """Speed (m/s) of a straight run at n_ahead: the polynomial is of hulls that displace water."""
+        return self.steady_speed(self.propeller.n_ahead)
 
     def steady_speed(self, n: float) -> float:
         """Speed (m/s) of a straight run in calm water at n > 0 revolutions (1/s), rudder amidships; the resistance is

@@ -21,7 +21,7 @@ the boat down the slope of the plane through the four elevations, so waves short
 # pyright: reportIndexIssue=false, reportInvalidTypeForm=false
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import taichi as ti
@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from taichi_sim.config import Finite, NonNegative, Positive
+from taichi_sim.config.plausible import Plausible
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, lanes
 from taichi_sim.kernels.abreast import group, put, taken, taken2
@@ -39,7 +40,7 @@ from taichi_sim.kernels.position import move
 from taichi_sim.kernels.rigid_body import quaternion_rate
 from taichi_sim.kernels.rotation import position_of, quaternion_advance, rotation_matrix, store
 from taichi_sim.kernels.runtime import array2
-from taichi_sim.models.usv.vessel_base import Number, Vessel, steady_speed
+from taichi_sim.models.usv.vessel_base import Beam, CollisionRadius, Height, Length, Number, Vessel, steady_speed
 from taichi_sim.surroundings.around_vehicles import Surroundings
 from taichi_sim.surroundings.sea import gerstner
 from taichi_sim.vehicle import Limits, VehicleParams
@@ -48,19 +49,20 @@ from taichi_sim.vehicle import Limits, VehicleParams
 class UnityBoatParams(VehicleParams):
     """Parameters in configs/vehicles/unity_boat.toml."""
 
-    mass: Positive  # kg
-    length: Positive  # m
-    beam: Positive  # m
-    height: Positive  # m
-    force_factor: Positive  # J, N
-    yaw_factor: Positive  # K, N m
-    pitch_factor: Finite  # T_a, N m
-    roll_factor: Finite  # T_s, N m
-    drag: NonNegative  # 1/s
-    angular_drag: NonNegative  # 1/s
-    buoyancy_stiffness: NonNegative  # N/m per corner
-    buoyancy_damping: NonNegative  # N s/m per corner
-    collision_radius: Positive  # m
+    mass: Annotated[Positive, Plausible(5e-4, 1.0, "kg", of="rho_sea length beam height")]
+    length: Length
+    beam: Beam
+    height: Height
+    force_factor: Annotated[Positive, Plausible(0.01, 10.0, "N", of="mass g")]  # J
+    yaw_factor: Annotated[Positive, Plausible(0.01, 2.0, "N m", of="force_factor length")]  # K
+    pitch_factor: Annotated[Finite, Plausible(5e-4, 1.0, "N m", of="force_factor length")]  # T_a
+    roll_factor: Annotated[Finite, Plausible(5e-4, 1.0, "N m", of="force_factor length")]  # T_s
+    drag: Annotated[NonNegative, Plausible(0.05, 20.0, "1/s")]
+    angular_drag: Annotated[NonNegative, Plausible(0.05, 50.0, "1/s")]
+    buoyancy_stiffness: Annotated[NonNegative, Plausible(0.1, 100.0, "N/m", of="mass g length^-1")]  # N/m per corner
+    # N s/m per corner
+    buoyancy_damping: Annotated[NonNegative, Plausible(0.01, 10.0, "N s/m", of="buoyancy_stiffness^0.5 mass^0.5")]
+    collision_radius: CollisionRadius
 
     @property
     def inertia(self) -> tuple[float, float, float]:

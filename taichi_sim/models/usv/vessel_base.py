@@ -12,18 +12,28 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 from torch import Tensor
 
-from taichi_sim.config import NonNegative, Strict
+from taichi_sim.config import NonNegative, Positive, Strict
+from taichi_sim.config.plausible import Plausible
 from taichi_sim.fleet import Fleet
-from taichi_sim.kernels.conventions import DOWN, ELEVATION, GRAVITY
+from taichi_sim.kernels.conventions import DOWN, ELEVATION
 from taichi_sim.kernels.rigid_body import Number
 from taichi_sim.kernels.rotation import UPRIGHT
 from taichi_sim.vehicle import Vehicle, Waters
 
-__all__ = ["RHO_AIR", "Number", "Vessel", "WaterDensity", "Windage", "check_top_speed", "steady_speed", "wind_forces"]
+__all__ = [
+    "RHO_AIR", "Beam", "CollisionRadius", "Height", "Lag", "Length", "Number", "TopSpeed", "Vessel", "WaterDensity",
+    "Windage", "steady_speed", "wind_forces",
+]  # fmt: skip
 
 RHO_AIR = 1.225  # kg/m^3, standard atmosphere at sea level
-WaterDensity = Annotated[float, Field(ge=900.0, le=1100.0)]  # kg/m^3, fresh and warm to salt and cold
-FASTEST = 6.0  # largest Froude number; assumed, fast planing boats have 2 to 4
+WaterDensity = Annotated[float, Field(ge=900, le=1100), Plausible(900.0, 1100.0, "kg/m^3")]  # fresh, warm to salt, cold
+Length = Annotated[Positive, Plausible(0.3, 500.0, "m")]
+Beam = Annotated[Positive, Plausible(0.03, 2.0, "m", of="length")]
+Height = Annotated[Positive, Plausible(0.03, 3.0, "m", of="length")]
+CollisionRadius = Annotated[Positive, Plausible(0.25, 3.0, "m", of="length")]
+Lag = Annotated[NonNegative, Plausible(5e-3, 20.0, "s", of="length^0.5 g^-0.5")]
+TopSpeed = Annotated[float, Plausible(0.02, 3.0, "m/s", of="length^0.5 g^0.5", far=2.0)]
+"""Speed of a straight run at full thrust: fast planing boats have Froude numbers of 2 to 3."""
 STILL = 1e-9  # m^2/s^2; avoids a division by zero without wind
 
 
@@ -32,19 +42,6 @@ def steady_speed(load: float, a: float, b: float = 0.0, c: float = 0.0) -> float
     roots = np.roots([c, b, a, -load])
     ahead = roots.real[(np.abs(roots.imag) < 1e-9 * np.abs(roots)) & (roots.real > 0)]
     return float(ahead.min(initial=np.inf))
-
-
-def check_top_speed(speed: float, length: float, keys: str, fastest: float = FASTEST) -> None:
-    """Refuse a top speed (m/s) that no vessel of this length (m) has: a unit or a sign in `keys` is wrong.
-
-    Raises:
-        ValueError: naming the keys.
-    """
-    limit = fastest * math.sqrt(GRAVITY * length)
-    if not speed <= limit:
-        found = f"a top speed of {speed:.3g} m/s" if math.isfinite(speed) else "no top speed"
-        raise ValueError(f"{keys} give {found}; a vessel of {length:g} m makes {limit:.2g} m/s at most: a unit or a "
-                         "sign is wrong")  # fmt: skip
 
 
 class Vessel(Vehicle):
@@ -104,12 +101,12 @@ class Windage(Strict):
     (Fossen 2021, eqs. 10.26-10.28). X and Y act at the height of the centre of the areas.
     """
 
-    frontal_area: NonNegative = 0.0  # A_f, m^2
-    lateral_area: NonNegative = 0.0  # A_l, m^2
-    c_x: NonNegative = 0.7  # Fossen (2021), sec. 10.1: 0.50-0.90
-    c_y: NonNegative = 0.85  # Fossen (2021), sec. 10.1: 0.70-0.95
-    c_n: NonNegative = 0.1  # Fossen (2021), sec. 10.1: 0.05-0.20
-    height: NonNegative = 0.0  # of the centre of the areas above CO, m
+    frontal_area: Annotated[NonNegative, Plausible(0.02, 2.0, "m^2", of="beam^2")] = 0.0  # A_f
+    lateral_area: Annotated[NonNegative, Plausible(0.02, 2.0, "m^2", of="length beam")] = 0.0  # A_l
+    c_x: Annotated[NonNegative, Plausible(0.1, 2.0)] = 0.7  # Fossen (2021), sec. 10.1: 0.50-0.90
+    c_y: Annotated[NonNegative, Plausible(0.1, 2.0)] = 0.85  # Fossen (2021), sec. 10.1: 0.70-0.95
+    c_n: Annotated[NonNegative, Plausible(5e-3, 0.5)] = 0.1  # Fossen (2021), sec. 10.1: 0.05-0.20
+    height: Annotated[NonNegative, Plausible(0.03, 1.5, "m", of="height")] = 0.0  # of the centre of the areas above CO
 
 
 @ti.func

@@ -27,6 +27,7 @@ import torch
 from pydantic import Field
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
+from taichi_sim.config.plausible import Plausible
 from taichi_sim.kernels.runtime import array2
 from taichi_sim.vehicle import Number
 
@@ -39,12 +40,13 @@ SECONDS_PER_MINUTE = 60.0
 class Actuators(Strict):
     """Parameters of the servos and of the motor's response."""
 
-    time_constant: NonNegative  # of the servos, s; 0: they follow at once
-    rate_limit_deg: Annotated[float, Field(gt=0)]  # of the servos, deg/s; inf is no limit
-    elevator_limit_deg: Limit  # largest deflection to either side, deg
-    aileron_limit_deg: Limit
-    rudder_limit_deg: Limit
-    throttle_time_constant: NonNegative  # s; 0: thrust follows at once
+    time_constant: Annotated[NonNegative, Plausible(2e-3, 2.0, "s")]  # of the servos, s; 0: they follow at once
+    # of the servos, deg/s; inf is no limit
+    rate_limit_deg: Annotated[float, Field(gt=0), Plausible(10.0, math.inf, "deg/s")]
+    elevator_limit_deg: Annotated[Limit, Plausible(5.0, 90.0, "deg")]  # largest deflection to either side
+    aileron_limit_deg: Annotated[Limit, Plausible(5.0, 90.0, "deg")]
+    rudder_limit_deg: Annotated[Limit, Plausible(5.0, 90.0, "deg")]
+    throttle_time_constant: Annotated[NonNegative, Plausible(5e-3, 10.0, "s")]  # s; 0: thrust follows at once
 
     @property
     def lower(self) -> tuple[float, float, float, float]:
@@ -101,18 +103,18 @@ class ElectricPropeller(Strict):
     """Parameters of a propeller on an electric motor."""
 
     law: Literal["electric"]
-    D: Positive  # diameter, m
-    KV_rpm_per_volt: Positive  # rpm/V: K_V = K_Q = 60 / (2 pi KV), V s/rad
-    R_motor: Positive  # ohm
-    i0: NonNegative  # current without load, A
-    V_max: Positive  # voltage at full throttle, V
-    C_T0: Finite
-    C_T1: Finite
-    C_T2: Finite
-    C_Q0: Positive
-    C_Q1: Finite
-    C_Q2: Finite
-    gain: NonNegative = 1.0  # of thrust and torque
+    D: Annotated[Positive, Plausible(0.03, 0.8, "m", of="physical.b")]  # diameter
+    KV_rpm_per_volt: Annotated[Positive, Plausible(20.0, 1e4, "rpm/V")]  # rpm/V: K_V = K_Q = 60 / (2 pi KV), V s/rad
+    R_motor: Annotated[Positive, Plausible(5e-4, 5.0, "ohm")]
+    i0: Annotated[NonNegative, Plausible(0.02, 50.0, "A")]  # current without load
+    V_max: Annotated[Positive, Plausible(1.0, 800.0, "V")]  # voltage at full throttle
+    C_T0: Annotated[Finite, Plausible(0.01, 0.5)]
+    C_T1: Annotated[Finite, Plausible(-1.0, -3e-3)]
+    C_T2: Annotated[Finite, Plausible(-1.0, -3e-3)]
+    C_Q0: Annotated[Positive, Plausible(5e-4, 0.05)]
+    C_Q1: Annotated[Finite, Plausible(2e-4, 0.2, either=True)]
+    C_Q2: Annotated[Finite, Plausible(-0.2, -5e-4)]
+    gain: Annotated[NonNegative, Plausible(0.05, 2.0)] = 1.0  # of thrust and torque
 
     @property
     def K(self) -> float:  # noqa: N802
@@ -136,12 +138,13 @@ class DiscPropeller(Strict):
     """Parameters of a propeller by Bernoulli's law."""
 
     law: Literal["disc"]
-    S_prop: Positive  # m^2
-    C_prop: Positive
-    k_motor: Positive  # speed of the air behind the disc at full throttle, m/s
-    k_T_p: NonNegative  # N m s^2  # noqa: N815
-    k_Omega: NonNegative  # rad/s  # noqa: N815
-    gain: NonNegative = 1.0  # of thrust and torque
+    S_prop: Annotated[Positive, Plausible(1e-3, 0.3, "m^2", of="physical.b^2")]
+    C_prop: Annotated[Positive, Plausible(0.1, 2.0)]
+    # speed of the air behind the disc at full throttle
+    k_motor: Annotated[Positive, Plausible(0.8, 8.0, "m/s", of="envelope.airspeed")]
+    k_T_p: Annotated[NonNegative, Plausible(1e-9, 1e-3, "N m s^2")]  # N m s^2  # noqa: N815
+    k_Omega: Annotated[NonNegative, Plausible(20.0, 5000.0, "rad/s")]  # rad/s  # noqa: N815
+    gain: Annotated[NonNegative, Plausible(0.05, 2.0)] = 1.0  # of thrust and torque
 
 
 @ti.func

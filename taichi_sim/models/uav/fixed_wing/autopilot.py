@@ -33,6 +33,7 @@ import taichi as ti
 from pydantic import Field
 
 from taichi_sim.config import Positive, Strict
+from taichi_sim.config.plausible import Plausible
 from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.kernels.fast_maths import at_most
 
@@ -51,10 +52,13 @@ class AutopilotParams(Strict):
 
     actions: Actions = "guidance"
     protection: bool = True  # of angle of attack, load factor, airspeed and bank
-    max_bank_deg: Annotated[float, Field(gt=0, lt=80)] = 45.0
-    max_pitch_deg: Annotated[float, Field(gt=0, le=45)] = 20.0  # largest difference from the pitch of level flight
-    rate_hz: Annotated[float, Field(gt=0, le=1000)] = 50.0  # readings of its instruments a second, ArduPlane's default
-    min_airspeed: Positive | None = None  # least airspeed demand, m/s; omitted: 1.3 times the stall airspeed
+    max_bank_deg: Annotated[float, Field(gt=0, lt=80), Plausible(5.0, 80.0, "deg")] = 45.0
+    # largest difference from the pitch of level flight
+    max_pitch_deg: Annotated[float, Field(gt=0, le=45), Plausible(2.0, 45.0, "deg")] = 20.0
+    # readings of its instruments a second, ArduPlane's default
+    rate_hz: Annotated[float, Field(gt=0, le=1000), Plausible(5.0, 1000.0, "Hz")] = 50.0
+    # least airspeed demand, m/s; omitted: 1.3 times the stall airspeed
+    min_airspeed: Annotated[Positive, Plausible(0.3, 1.0, "m/s", of="envelope.airspeed")] | None = None
 
 
 @dataclass(frozen=True)

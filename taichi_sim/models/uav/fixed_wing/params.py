@@ -12,6 +12,8 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from taichi_sim.config import Finite, Positive, Strict
+from taichi_sim.config.plausible import Plausible
+from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.models.uav.fixed_wing.actuators import Actuators, DiscPropeller, ElectricPropeller, lag
 from taichi_sim.models.uav.fixed_wing.autopilot import AutopilotParams
 from taichi_sim.vehicle import Number, VehicleParams, value_at
@@ -20,16 +22,16 @@ from taichi_sim.vehicle import Number, VehicleParams, value_at
 class FixedWingPhysical(Strict):
     """Mass, inertia [[Jx, 0, -Jxz], [0, Jy, 0], [-Jxz, 0, Jz]], wing, air."""
 
-    mass: Positive  # kg
-    Jx: Positive  # kg m^2
-    Jy: Positive  # kg m^2
-    Jz: Positive  # kg m^2
-    Jxz: Finite  # kg m^2
-    S: Positive  # wing area, m^2
-    b: Positive  # span, m
-    c: Positive  # mean chord, m
-    rho: Positive  # density of the air, kg/m^3
-    e_oswald: Annotated[float, Field(gt=0, le=1)]  # efficiency of the span, 1
+    mass: Annotated[Positive, Plausible(0.3, 300.0, "kg", of="S")]
+    Jx: Annotated[Positive, Plausible(1e-3, 0.3, "kg m^2", of="mass b^2")]
+    Jy: Annotated[Positive, Plausible(1e-3, 0.3, "kg m^2", of="mass b^2")]
+    Jz: Annotated[Positive, Plausible(2e-3, 0.3, "kg m^2", of="mass b^2")]
+    Jxz: Annotated[Finite, Plausible(1e-3, 0.7, "kg m^2", of="Jx^0.5 Jz^0.5", either=True)]
+    S: Annotated[Positive, Plausible(0.02, 1.2, "m^2", of="b^2")]  # wing area
+    b: Annotated[Positive, Plausible(0.1, 40.0, "m")]  # span
+    c: Annotated[Positive, Plausible(0.5, 3.0, "m", of="S b^-1")]  # mean chord
+    rho: Annotated[Positive, Plausible(0.3, 1.6, "kg/m^3")]  # density of the air
+    e_oswald: Annotated[float, Field(gt=0, le=1), Plausible(0.3, 1.1)]  # efficiency of the span, 1
 
     @property
     def aspect_ratio(self) -> float:
@@ -56,42 +58,44 @@ class FixedWingPhysical(Strict):
 class Longitudinal(Strict):
     """Coefficients of lift, drag and pitching moment: per rad, and rates as q c / (2 Va)."""
 
-    C_L_0: Finite
-    C_L_alpha: Finite
-    C_L_q: Finite
-    C_L_delta_e: Finite
-    C_D_p: Finite  # parasitic; the rest of the polar is (C_L_0 + C_L_alpha alpha)^2 / (pi e AR)
-    C_D_q: Finite
-    C_D_delta_e: Finite  # times the signed elevator, as in the book
-    C_m_0: Finite
-    C_m_alpha: Finite
-    C_m_q: Finite
-    C_m_delta_e: Finite
-    M_blend: Annotated[float, Field(gt=0, le=500)]  # sharpness of the stall, 1/rad
-    alpha0: Annotated[float, Field(gt=0, lt=math.pi / 2)]  # angle of attack half way into the stall, rad
+    C_L_0: Annotated[Finite, Plausible(3e-3, 1.5)]
+    C_L_alpha: Annotated[Finite, Plausible(1.0, 8.0)]
+    C_L_q: Annotated[Finite, Plausible(0.1, 40.0)]
+    C_L_delta_e: Annotated[Finite, Plausible(0.01, 3.0)]
+    # parasitic; the rest of the polar is (C_L_0 + C_L_alpha alpha)^2 / (pi e AR)
+    C_D_p: Annotated[Finite, Plausible(3e-3, 0.3)]
+    C_D_q: Annotated[Finite, Plausible(1e-3, 10.0, either=True)]
+    C_D_delta_e: Annotated[Finite, Plausible(1e-3, 2.0, either=True)]  # times the signed elevator, as in the book
+    C_m_0: Annotated[Finite, Plausible(5e-4, 0.5, either=True)]
+    C_m_alpha: Annotated[Finite, Plausible(-10.0, -0.02)]
+    C_m_q: Annotated[Finite, Plausible(-100.0, -0.2)]
+    C_m_delta_e: Annotated[Finite, Plausible(-5.0, -0.02)]
+    M_blend: Annotated[float, Field(gt=0, le=500), Plausible(3.0, 500.0, "1/rad")]  # sharpness of the stall
+    # angle of attack half way into the stall
+    alpha0: Annotated[float, Field(gt=0, lt=math.pi / 2), Plausible(0.1, 1.2, "rad")]
 
 
 class Lateral(Strict):
     """Coefficients of side force, rolling (ell), yawing (n) moment: per rad; rates as p b / (2 Va), r b / (2 Va)."""
 
-    C_Y_0: Finite
-    C_Y_beta: Finite
-    C_Y_p: Finite
-    C_Y_r: Finite
-    C_Y_delta_a: Finite
-    C_Y_delta_r: Finite
-    C_ell_0: Finite
-    C_ell_beta: Finite
-    C_ell_p: Finite
-    C_ell_r: Finite
-    C_ell_delta_a: Finite
-    C_ell_delta_r: Finite
-    C_n_0: Finite
-    C_n_beta: Finite
-    C_n_p: Finite
-    C_n_r: Finite
-    C_n_delta_a: Finite
-    C_n_delta_r: Finite
+    C_Y_0: Annotated[Finite, Plausible(1e-4, 0.2, either=True)]
+    C_Y_beta: Annotated[Finite, Plausible(-3.0, -0.01)]
+    C_Y_p: Annotated[Finite, Plausible(3e-3, 3.0, either=True)]
+    C_Y_r: Annotated[Finite, Plausible(3e-3, 3.0, either=True)]
+    C_Y_delta_a: Annotated[Finite, Plausible(2e-3, 1.0, either=True)]
+    C_Y_delta_r: Annotated[Finite, Plausible(5e-3, 1.5)]
+    C_ell_0: Annotated[Finite, Plausible(1e-4, 0.2, either=True)]
+    C_ell_beta: Annotated[Finite, Plausible(-0.7, -1e-3)]
+    C_ell_p: Annotated[Finite, Plausible(-2.0, -0.03)]
+    C_ell_r: Annotated[Finite, Plausible(3e-3, 1.0)]
+    C_ell_delta_a: Annotated[Finite, Plausible(5e-3, 1.0)]
+    C_ell_delta_r: Annotated[Finite, Plausible(2e-4, 0.3, either=True)]
+    C_n_0: Annotated[Finite, Plausible(1e-4, 0.2, either=True)]
+    C_n_beta: Annotated[Finite, Plausible(1e-3, 0.7)]
+    C_n_p: Annotated[Finite, Plausible(1e-3, 1.0, either=True)]
+    C_n_r: Annotated[Finite, Plausible(-1.0, -5e-4)]
+    C_n_delta_a: Annotated[Finite, Plausible(-0.3, -2e-4)]
+    C_n_delta_r: Annotated[Finite, Plausible(-0.5, -2e-3)]
 
     @property
     def has_rudder(self) -> bool:
@@ -102,10 +106,11 @@ class Lateral(Strict):
 class FixedWingEnvelope(Strict):
     """Airspeeds and load factors of normal flight."""
 
-    airspeed: Positive  # cruising airspeed, which zero actions hold, m/s
-    max_airspeed: Positive  # never-exceed airspeed, m/s
-    n_max: Annotated[float, Field(gt=1)]  # limit load factors, 1
-    n_min: Annotated[float, Field(lt=0)]
+    # cruising airspeed, which zero actions hold
+    airspeed: Annotated[Positive, Plausible(0.8, 6.0, "m/s", of="airspeed_of_lift")]
+    max_airspeed: Annotated[Positive, Plausible(1.0, 6.0, "m/s", of="airspeed")]  # never-exceed airspeed
+    n_max: Annotated[float, Field(gt=1), Plausible(1.2, 15.0)]  # limit load factors, 1
+    n_min: Annotated[float, Field(lt=0), Plausible(-12.0, -0.2)]
 
     @model_validator(mode="after")
     def _cruise_inside(self):
@@ -117,9 +122,9 @@ class FixedWingEnvelope(Strict):
 class FixedWingBody(Strict):
     """Dimensions for pictures and collisions."""
 
-    length: Positive  # m
-    height: Positive  # m
-    collision_radius: Positive  # m
+    length: Annotated[Positive, Plausible(0.1, 3.0, "m", of="physical.b")]
+    height: Annotated[Positive, Plausible(0.02, 1.0, "m", of="physical.b")]
+    collision_radius: Annotated[Positive, Plausible(0.2, 1.5, "m", of="physical.b")]
 
 
 class FixedWingParams(VehicleParams):
@@ -138,6 +143,12 @@ class FixedWingParams(VehicleParams):
     def collision_radius(self) -> float:
         """Radius of the sphere around the aircraft, m."""
         return self.body.collision_radius
+
+    @property
+    def airspeed_of_lift(self) -> float:
+        """Airspeed at a lift coefficient of 2, m/s."""
+        p = self.physical
+        return math.sqrt(p.mass * GRAVITY / (p.rho * p.S))
 
     @property
     def size(self) -> tuple[float, float, float]:

@@ -14,31 +14,37 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
-from taichi_sim.kernels.conventions import GRAVITY
+from taichi_sim.config.plausible import Plausible
 from taichi_sim.models.contact.deck_and_legs import Legs
 from taichi_sim.vehicle import Number, VehicleParams, left_of, value_at
 
 MOST_ROTORS = 12
-STRONGEST = 25.0  # largest thrust over weight; racing multirotors reach some 15; assumed
 HOUR, MILLI = 3600.0, 1e-3  # s; of a unit
 APART = 1e-3  # m: rotors of the same spin that are closer than this are a mistake in the file
-Place = tuple[Finite, Finite, Finite]
+Offset = Annotated[Finite, Plausible(1e-5, 0.3, "m", of="reach", either=True)]  # of the CG
+Arm = Annotated[Finite, Plausible(5e-3, 1.5, "m", of="reach", either=True)]  # of a rotor
+Rise = Annotated[Finite, Plausible(1e-3, 2.0, "m", of="reach", either=True)]
+Drag = Annotated[NonNegative, Plausible(2e-3, 3.0, "N s^2/m^2", of="physical.rho reach^2")]
+Across = Annotated[Positive, Plausible(0.5, 4.0, "m", of="reach")]
+Height = Annotated[Positive, Plausible(0.05, 4.0, "m", of="reach")]
 Actions = Literal["rotors", "rates", "velocity"]
 
 
 class MultirotorPhysical(Strict):
     """Mass, inertia about the centre of gravity, drag of the fuselage, and the air."""
 
-    mass: Positive  # kg, rotors included
-    Jx: Positive  # kg m^2, rotors included as if they stood still
-    Jy: Positive  # kg m^2
-    Jz: Positive  # kg m^2
-    Jxy: Finite = 0.0  # kg m^2; inertia [[Jx, -Jxy, -Jxz], [-Jxy, Jy, -Jyz], [-Jxz, -Jyz, Jz]]
-    Jxz: Finite = 0.0
-    Jyz: Finite = 0.0
-    cg: Place  # centre of gravity in the airframe's frame, m
-    drag: tuple[NonNegative, NonNegative, NonNegative]  # along x, y, z: force = -|v| drag v, N s^2/m^2
-    rho: Positive = 1.225  # density of the air, kg/m^3: for induced velocities, not for thrust
+    mass: Annotated[Positive, Plausible(0.02, 300.0, "kg")]  # rotors included
+    Jx: Annotated[Positive, Plausible(5e-3, 1.0, "kg m^2", of="mass reach^2")]  # rotors included as if they stood still
+    Jy: Annotated[Positive, Plausible(5e-3, 1.0, "kg m^2", of="mass reach^2")]
+    Jz: Annotated[Positive, Plausible(5e-3, 1.5, "kg m^2", of="mass reach^2")]
+    # kg m^2; inertia [[Jx, -Jxy, -Jxz], [-Jxy, Jy, -Jyz], [-Jxz, -Jyz, Jz]]
+    Jxy: Annotated[Finite, Plausible(-0.7, 0.7, "kg m^2", of="Jx")] = 0.0
+    Jxz: Annotated[Finite, Plausible(-0.7, 0.7, "kg m^2", of="Jx")] = 0.0
+    Jyz: Annotated[Finite, Plausible(-0.7, 0.7, "kg m^2", of="Jx")] = 0.0
+    cg: tuple[Offset, Offset, Offset]  # centre of gravity in the airframe's frame, m
+    drag: tuple[Drag, Drag, Drag]  # along x, y, z: force = -|v| drag v, N s^2/m^2
+    # density of the air, kg/m^3: for induced velocities, not for thrust
+    rho: Annotated[Positive, Plausible(0.3, 1.6, "kg/m^3")] = 1.225
 
     @property
     def inertia(self) -> np.ndarray:
@@ -61,18 +67,24 @@ class MultirotorPhysical(Strict):
 class Rotor(Strict):
     """Parameters that all rotors share; rotors.py gives their force and moment."""
 
-    radius: Positive  # m
-    k_f: Positive  # thrust over rotor speed squared, N s^2
-    k_m: Positive  # torque over rotor speed squared, N m s^2
-    k_d: NonNegative = 0.0  # rotor drag across the axis, over speed and airspeed, N s^2/m
-    k_z: NonNegative = 0.0  # thrust lost with airspeed along the axis, N s^2/m
-    k_h: NonNegative = 0.0  # translational lift, N s^2/m^2
-    k_flap: Finite = 0.0  # flapping moment over speed and airspeed, N m s^2/m; positive: nose down in forward flight
-    J_r: NonNegative = 0.0  # inertia about the axis, kg m^2; 0: no gyroscopic moment
-    omega_min: NonNegative = 0.0  # rad/s
-    omega_max: Positive  # rad/s
-    tau_up: Positive  # time constant of the speed when it rises, s
-    tau_down: Positive  # time constant of the speed when it falls, s
+    radius: Annotated[Positive, Plausible(0.01, 3.0, "m")]
+    # thrust over rotor speed squared
+    k_f: Annotated[Positive, Plausible(3e-3, 0.2, "N s^2", of="physical.rho radius^4")]
+    k_m: Annotated[Positive, Plausible(0.02, 0.8, "N m s^2", of="k_f radius")]  # torque over rotor speed squared
+    # rotor drag across the axis, over speed and airspeed
+    k_d: Annotated[NonNegative, Plausible(0.01, 10.0, "N s^2/m", of="k_f radius^-1")] = 0.0
+    # thrust lost with airspeed along the axis
+    k_z: Annotated[NonNegative, Plausible(0.02, 50.0, "N s^2/m", of="k_f radius^-1")] = 0.0
+    # translational lift
+    k_h: Annotated[NonNegative, Plausible(1e-3, 3.0, "N s^2/m^2", of="physical.rho radius^2")] = 0.0
+    # flapping moment over speed and airspeed, N m s^2/m; positive: nose down in forward flight
+    k_flap: Annotated[Finite, Plausible(1e-3, 10.0, "N m s^2/m", of="k_f", either=True)] = 0.0
+    # inertia about the axis, kg m^2; 0: no gyroscopic moment
+    J_r: Annotated[NonNegative, Plausible(1e-5, 0.05, "kg m^2", of="physical.Jz")] = 0.0
+    omega_min: Annotated[NonNegative, Plausible(5e-3, 0.9, "rad/s", of="omega_max")] = 0.0
+    omega_max: Annotated[Positive, Plausible(20.0, 340.0, "rad/s", of="radius^-1")]
+    tau_up: Annotated[Positive, Plausible(2e-3, 0.5, "s")]  # time constant of the speed when it rises
+    tau_down: Annotated[Positive, Plausible(0.2, 10.0, "s", of="tau_up")]  # time constant of the speed when it falls
 
     @model_validator(mode="after")
     def _a_range(self):
@@ -84,9 +96,9 @@ class Rotor(Strict):
 class Mount(Strict):
     """One rotor: its position and its direction of rotation."""
 
-    position: Place  # of its hub, in the airframe's frame, m
+    position: tuple[Arm, Arm, Rise]  # of its hub, in the airframe's frame, m
     spin: Literal["ccw", "cw"]  # seen from above
-    gain: NonNegative = 1.0  # factor of thrust and torque: below 1 worn, 0 lost
+    gain: Annotated[NonNegative, Plausible(0.05, 1.5)] = 1.0  # factor of thrust and torque: below 1 worn, 0 lost
 
     @property
     def yaw(self) -> float:
@@ -97,8 +109,8 @@ class Mount(Strict):
 class MultirotorEnvelope(Strict):
     """Airspeeds of normal flight."""
 
-    airspeed: Positive  # cruising airspeed, m/s
-    max_airspeed: Positive  # m/s
+    airspeed: Annotated[Positive, Plausible(0.5, 60.0, "m/s")]  # cruising airspeed
+    max_airspeed: Annotated[Positive, Plausible(1.0, 10.0, "m/s", of="airspeed")]
 
     @model_validator(mode="after")
     def _cruise_inside(self):
@@ -111,34 +123,38 @@ class Control(Strict):
     """The kind of actions, and the speeds and rates that an action of 1 commands (controller.py)."""
 
     actions: Actions = "velocity"
-    rate_hz: Annotated[float, Field(gt=0, le=1000)] = 50.0  # readings of its instruments a second, for all loops
-    speed: Positive = 8.0  # horizontal speed over ground at actions of 1, m/s
-    climb: Positive = 3.0  # m/s
-    descent: Positive = 2.0  # m/s
-    yaw_rate_deg: Annotated[float, Field(gt=0, le=720)] = 90.0  # deg/s
-    max_rate_deg: Annotated[float, Field(gt=0, le=2000)] = 220.0  # roll and pitch rate, deg/s
-    max_tilt_deg: Annotated[float, Field(gt=0, lt=80)] = 35.0
+    # readings of its instruments a second, for all loops
+    rate_hz: Annotated[float, Field(gt=0, le=1000), Plausible(5.0, 1000.0, "Hz")] = 50.0
+    # horizontal speed over ground at actions of 1
+    speed: Annotated[Positive, Plausible(0.02, 2.0, "m/s", of="envelope.max_airspeed")] = 8.0
+    climb: Annotated[Positive, Plausible(0.05, 30.0, "m/s")] = 3.0
+    descent: Annotated[Positive, Plausible(0.05, 20.0, "m/s")] = 2.0
+    yaw_rate_deg: Annotated[float, Field(gt=0, le=720), Plausible(5.0, 720.0, "deg/s")] = 90.0
+    # roll and pitch rate
+    max_rate_deg: Annotated[float, Field(gt=0, le=2000), Plausible(20.0, 2000.0, "deg/s")] = 220.0
+    max_tilt_deg: Annotated[float, Field(gt=0, lt=80), Plausible(5.0, 80.0, "deg")] = 35.0
 
 
 class MultirotorBody(Strict):
     """Dimensions for pictures and collisions."""
 
-    size: tuple[Positive, Positive, Positive]  # length, width, height, rotors included, m
-    below: NonNegative  # distance from the centre of gravity down to the feet, m
-    collision_radius: Positive  # m
+    size: tuple[Across, Across, Height]  # length, width, height, rotors included
+    # distance from the centre of gravity down to the feet
+    below: Annotated[NonNegative, Plausible(0.02, 3.0, "m", of="reach")]
+    collision_radius: Annotated[Positive, Plausible(0.5, 3.0, "m", of="reach")]
 
 
 class Battery(Strict):
     """`[battery]` of a vehicle file (rotors.py). Without it the rotors always have their nominal voltage."""
 
-    capacity_mah: Positive  # mA h
-    full: Positive  # open-circuit voltage, full, V
-    empty: Positive  # open-circuit voltage, empty, V
-    nominal: Positive  # voltage at which a rotor reaches omega_max, V
-    resistance: NonNegative  # of battery and leads, ohm
-    efficiency: Annotated[float, Field(gt=0, le=1)]  # of motors and their controllers
-    avionics: NonNegative = 0.0  # power of everything else, W
-    charge: Annotated[float, Field(gt=0, le=1)] = 1.0  # at the beginning of a flight
+    capacity_mah: Annotated[Positive, Plausible(100.0, 1e5, "mAh")]  # mA h
+    full: Annotated[Positive, Plausible(3.0, 130.0, "V")]  # open-circuit voltage, full
+    empty: Annotated[Positive, Plausible(0.5, 1.0, "V", of="full")]  # open-circuit voltage, empty
+    nominal: Annotated[Positive, Plausible(0.5, 1.2, "V", of="full")]  # voltage at which a rotor reaches omega_max
+    resistance: Annotated[NonNegative, Plausible(5e-4, 1.0, "ohm")]  # of battery and leads
+    efficiency: Annotated[float, Field(gt=0, le=1), Plausible(0.2, 1.0)]  # of motors and their controllers
+    avionics: Annotated[NonNegative, Plausible(0.1, 500.0, "W")] = 0.0  # power of everything else
+    charge: Annotated[float, Field(gt=0, le=1), Plausible(0.05, 1.0)] = 1.0  # at the beginning of a flight
 
     @property
     def coulombs(self) -> float:
@@ -176,6 +192,29 @@ class MultirotorParams(VehicleParams):
         return self.body.size
 
     @property
+    def reach(self) -> float:
+        """Distance from the axis through the centre of gravity to the tip of the furthest rotor, m."""
+        return float(np.linalg.norm(self.arms[:, :2], axis=1).max()) + self.rotor.radius
+
+    @property
+    def greatest_thrust(self) -> Annotated[float, Plausible(1.1, 15.0, "N", of="physical.mass g", far=5 / 3)]:
+        """Thrust of all rotors at omega_max, N."""
+        return len(self.rotors) * self.rotor.k_f * self.rotor.omega_max**2
+
+    @property
+    def stance(self) -> Annotated[float, Plausible(0.0, 0.1, "m", of="reach", far=math.inf)]:
+        """Distance of the middle of its soles from the axis through the centre of gravity, m; 0 without legs."""
+        if self.legs is None:
+            return 0.0
+        return float(np.linalg.norm(np.mean(self.legs.points, axis=0)[:2] - self.physical.cg[:2]))
+
+    @property
+    def figure_of_merit(self) -> Annotated[float, Plausible(0.1, 1.0)]:
+        """Power of an ideal rotor over that of the rotor, in hover: k_f^1.5 / (k_m radius sqrt(2 pi rho))."""
+        r = self.rotor
+        return r.k_f**1.5 / (r.k_m * r.radius * math.sqrt(2 * math.pi * self.physical.rho))
+
+    @property
     def arms(self) -> np.ndarray:
         """Rotors' hubs [rotor, 3] from the centre of gravity, m, b."""
         return np.array([mount.position for mount in self.rotors]) - np.array(self.physical.cg)
@@ -189,16 +228,6 @@ class MultirotorParams(VehicleParams):
                         f"rotors.{j} and rotors.{i} coincide at {list(one.position)}: hubs must be at least "
                         f"{APART:g} m apart"
                     )
-        return self
-
-    @model_validator(mode="after")
-    def _thrust_of_a_multirotor(self):
-        thrust = len(self.rotors) * self.rotor.k_f * self.rotor.omega_max**2
-        if (ratio := thrust / (self.physical.mass * GRAVITY)) > STRONGEST:
-            raise ValueError(
-                f"rotor.k_f omega_max^2 (rad/s) lifts {ratio:.3g} times the weight, at most {STRONGEST:g}: is it a "
-                "number of rpm?"
-            )
         return self
 
     @model_validator(mode="after")

@@ -11,6 +11,7 @@ sign, half the cross product of its diagonals. Decks are panels, too, so that th
 deck when it capsizes.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -19,38 +20,60 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
+from taichi_sim.config.plausible import Plausible
 from taichi_sim.kernels.conventions import BELOW
 
 Array = NDArray[np.float64]
 Count = Annotated[int, Field(ge=1, le=400)]
-Section = Annotated[tuple[tuple[NonNegative, Finite], ...], Field(min_length=2, max_length=50)]
+Along = Annotated[Finite, Plausible(2e-4, 0.6, "m", of="length", either=True)]
+Half = Annotated[NonNegative, Plausible(1e-3, 0.6, "m", of="beam")]
+Depth = Annotated[Finite, Plausible(-1.2, 1.2, "m", of="height")]
+Breadth = Annotated[NonNegative, Plausible(0.01, 1.1, "m", of="beam")]
+Section = Annotated[tuple[tuple[Half, Depth], ...], Field(min_length=2, max_length=50)]
+Notch = Annotated[float, Plausible(0.0, 0.3, far=math.inf)]
+"""How far a point is above those of the stations before and behind it, over the greatest depth."""
 DECK_STEP = 1e-9  # m, tolerance for a level deck
 MIN_AREA = 1e-12  # m^2; smaller panels are the closed ends of pointed hulls and are left out
+
+
+def _notch(z: Array) -> float:
+    """`Notch` of depths [station, point]."""
+    return float((np.minimum(z[:-2], z[2:]) - z[1:-1]).max(initial=0.0) / np.abs(z).max())
 
 
 class BoxHull(Strict):
     """A box with its bottom `draft` below the design waterline, and its deck `freeboard` above it."""
 
     shape: Literal["box"] = "box"
-    length: Positive  # m
-    beam: Positive  # m
-    draft: Positive  # m
-    freeboard: Positive  # m
+    length: Annotated[Positive, Plausible(0.5, 1.1, "m", of="length")]
+    beam: Annotated[Positive, Plausible(0.2, 1.1, "m", of="beam")]
+    draft: Annotated[Positive, Plausible(0.02, 2.0, "m", of="beam")]
+    freeboard: Annotated[Positive, Plausible(0.03, 20.0, "m", of="draft")]
     panels_along: Count = 2
     panels_across: Count = 2
     panels_up: Count = 2  # rows of the sides; with 2 or more, the last row is above the design waterline
+
+    @property
+    def depth(self) -> float:
+        """Depth of the keel below the design waterline, m."""
+        return self.draft
 
 
 class WigleyHull(Strict):
     """Wigley's (1942) hull, wall-sided above the design waterline: y = +-B/2 (1 - (2x/L)^2) (1 - (z/T)^2) below."""
 
     shape: Literal["wigley"] = "wigley"
-    length: Positive  # m
-    beam: Positive  # m
-    draft: Positive  # m
-    freeboard: Positive  # m
+    length: Annotated[Positive, Plausible(0.5, 1.1, "m", of="length")]
+    beam: Annotated[Positive, Plausible(0.2, 1.1, "m", of="beam")]
+    draft: Annotated[Positive, Plausible(0.02, 2.0, "m", of="beam")]
+    freeboard: Annotated[Positive, Plausible(0.03, 20.0, "m", of="draft")]
     panels_along: Count = 10
     panels_up: Annotated[int, Field(ge=2, le=400)] = 3  # the last row is above the design waterline
+
+    @property
+    def depth(self) -> float:
+        """Depth of the keel below the design waterline, m."""
+        return self.draft
 
 
 class TwinPontoons(Strict):
@@ -62,11 +85,21 @@ class TwinPontoons(Strict):
     """
 
     shape: Literal["twin_pontoons"] = "twin_pontoons"
-    y: Positive  # distance of the pontoons' centrelines from the hull's, m
-    stations: Annotated[tuple[tuple[Finite, NonNegative, Finite], ...], Field(min_length=2, max_length=100)]
-    freeboard: Positive  # m
+    y: Annotated[Positive, Plausible(0.1, 0.6, "m", of="beam")]  # distance of the pontoons' centrelines from the hull's
+    stations: Annotated[tuple[tuple[Along, Breadth, Depth], ...], Field(min_length=2, max_length=100)]
+    freeboard: Annotated[Positive, Plausible(0.03, 1.0, "m", of="height")]
     section: Literal["vee", "round"] = "vee"
     panels_girth: Annotated[int, Field(ge=2, le=200)] = 3  # sides of a round section
+
+    @property
+    def depth(self) -> float:
+        """Depth of the keel below the design waterline, m."""
+        return max(keel for _, _, keel in self.stations)
+
+    @property
+    def notch(self) -> Notch:
+        """Of the keel."""
+        return _notch(np.array(self.stations)[:, 2:])
 
     @model_validator(mode="after")
     def _sensible(self):
@@ -94,12 +127,22 @@ class StationsHull(Strict):
 
     shape: Literal["stations"] = "stations"
     # x from stern to bow, and [y, z] of each point with z down from the design waterline, m
-    stations: Annotated[tuple[tuple[Finite, Section], ...], Field(min_length=2, max_length=100)]
+    stations: Annotated[tuple[tuple[Along, Section], ...], Field(min_length=2, max_length=100)]
+
+    @property
+    def depth(self) -> float:
+        """Depth of the keel below the design waterline, m."""
+        return max(z for _, section in self.stations for _, z in section)
 
     @property
     def points(self) -> Array:
         """Points [station, point, 3] of the starboard half."""
         return np.array([[(x, y, z) for y, z in section] for x, section in self.stations], dtype=np.float64)
+
+    @property
+    def notch(self) -> Notch:
+        """Of a line of points along the hull."""
+        return _notch(self.points[..., 2])
 
     @property
     def twin(self) -> bool:

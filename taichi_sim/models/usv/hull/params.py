@@ -17,19 +17,72 @@ from pydantic import Field, model_validator
 from torch import Tensor
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
+from taichi_sim.config.plausible import Plausible
 from taichi_sim.kernels.conventions import GRAVITY, RHO_SEA
 from taichi_sim.kernels.rigid_body import changed_mass, rigid_body_mass
 from taichi_sim.models.contact.deck_and_legs import Deck
 from taichi_sim.models.usv.hull.mesh import HullShape
-from taichi_sim.models.usv.hull.thrusters import MOST_THRUSTERS, NamedThruster, PropellerPair, Thruster, Vector3
+from taichi_sim.models.usv.hull.thrusters import MOST_THRUSTERS, NamedThruster, PropellerPair, Thruster
 from taichi_sim.models.usv.mmg import DERIVATIVES, OF_PARTS, part_numbers, polynomial_numbers
 from taichi_sim.models.usv.mmg_params import MmgSection
-from taichi_sim.models.usv.vessel_base import RHO_AIR, Number, WaterDensity, Windage, check_top_speed, steady_speed
+from taichi_sim.models.usv.vessel_base import (
+    RHO_AIR,
+    Beam,
+    CollisionRadius,
+    Height,
+    Length,
+    Number,
+    TopSpeed,
+    WaterDensity,
+    Windage,
+    steady_speed,
+)
 from taichi_sim.vehicle import VehicleParams, left_of
 
-Diagonal = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
-Row = tuple[Finite, Finite, Finite, Finite, Finite, Finite]
-Matrix = tuple[Row, Row, Row, Row, Row, Row]
+AddedMass6 = tuple[  # -X_udot, -Y_vdot, -Z_wdot (kg), -K_pdot, -M_qdot, -N_rdot (kg m^2)
+    Annotated[NonNegative, Plausible(5e-3, 1.5, "kg", of="mass")],
+    Annotated[NonNegative, Plausible(0.03, 5.0, "kg", of="mass")],
+    Annotated[NonNegative, Plausible(0.05, 15.0, "kg", of="mass")],
+    Annotated[NonNegative, Plausible(2e-3, 1.0, "kg m^2", of="mass beam^2")],
+    Annotated[NonNegative, Plausible(5e-3, 1.0, "kg m^2", of="mass length^2")],
+    Annotated[NonNegative, Plausible(2e-3, 1.0, "kg m^2", of="mass length^2")],
+]
+Linear6 = tuple[  # -X_u ... (N s/m, N m s); g^0.5 length^-0.5 is the rate of motion in waves of the hull's length
+    Annotated[NonNegative, Plausible(3e-4, 1.5, "N s/m", of="mass g^0.5 length^-0.5")],
+    Annotated[NonNegative, Plausible(0.05, 100.0, "N s/m", of="linear.0")],
+    Annotated[NonNegative, Plausible(0.03, 30.0, "N s/m", of="mass g^0.5 length^-0.5")],
+    Annotated[NonNegative, Plausible(5e-4, 1.0, "N m s", of="mass g^0.5 length^-0.5 beam^2")],
+    Annotated[NonNegative, Plausible(1e-3, 3.0, "N m s", of="mass g^0.5 length^1.5")],
+    Annotated[NonNegative, Plausible(1e-3, 1.2, "N m s", of="linear.1 length^2")],
+]
+Quadratic6 = tuple[  # -X_uu ... (N s^2/m^2, N m s^2), factors of |nu| nu
+    Annotated[NonNegative, Plausible(3e-4, 0.3, "N s^2/m^2", of="rho_sea length beam")],
+    Annotated[NonNegative, Plausible(0.02, 3.0, "N s^2/m^2", of="rho_sea length draft")],
+    Annotated[NonNegative, Plausible(0.02, 5.0, "N s^2/m^2", of="rho_sea length beam")],
+    Annotated[NonNegative, Plausible(5e-4, 0.5, "N m s^2", of="rho_sea length beam^4")],
+    Annotated[NonNegative, Plausible(5e-4, 0.5, "N m s^2", of="rho_sea beam length^4")],
+    Annotated[NonNegative, Plausible(3e-4, 1.0, "N m s^2", of="rho_sea draft length^4")],
+]
+Roll = Annotated[Finite, Plausible(0.02, 0.8, "kg m^2", of="mass beam^2")]
+Pitch = Yaw = Annotated[Finite, Plausible(0.01, 0.4, "kg m^2", of="mass length^2")]
+Weight = Annotated[Finite, Plausible(0.99, 1.01, "kg", of="mass")]
+Arm = Annotated[Finite, Plausible(-1.0, 1.0, "kg m", of="mass length")]
+Product = Annotated[Finite, Plausible(-0.5, 0.5, "kg m^2", of="mass beam length")]
+Matrix = tuple[
+    tuple[Weight, Arm, Arm, Arm, Arm, Arm],
+    tuple[Arm, Weight, Arm, Arm, Arm, Arm],
+    tuple[Arm, Arm, Weight, Arm, Arm, Arm],
+    tuple[Arm, Arm, Arm, Roll, Product, Product],
+    tuple[Arm, Arm, Arm, Product, Pitch, Product],
+    tuple[Arm, Arm, Arm, Product, Product, Yaw],
+]
+Place = tuple[
+    Annotated[Finite, Plausible(5e-4, 0.5, "m", of="length", either=True)],
+    Annotated[Finite, Plausible(5e-4, 0.5, "m", of="beam", either=True)],
+    Annotated[Finite, Plausible(5e-4, 1.5, "m", of="height", either=True)],
+]
+RollArm = Annotated[Positive, Plausible(0.1, 0.8, "m", of="beam")]
+LongArm = Annotated[Positive, Plausible(0.1, 0.6, "m", of="length")]
 Name = Annotated[str, Field(pattern="^[a-z][a-z0-9_]*$")]
 OFF_MASS = 5e-3  # tolerated rounding of a published M_rb, over mass, or mass times |cg|; assumed
 REACH = 1.0  # m, least |cg| there
@@ -40,9 +93,9 @@ OVERHANG = 1.1  # limit of a thruster's position over that of the hull's side, f
 class RigidBody(Strict):
     """Mass and its distribution: radii of gyration about the CG, or a published matrix."""
 
-    mass: Positive  # kg, payload included
-    cg: Vector3  # m, payload included
-    gyration: tuple[Positive, Positive, Positive] | None = None  # m, about the CG, for roll, pitch, yaw
+    mass: Annotated[Positive, Plausible(0.02, 1.3, "kg", of="rho_sea length beam draft")]  # payload included
+    cg: Place  # payload included
+    gyration: tuple[RollArm, LongArm, LongArm] | None = None  # about the CG, for roll, pitch, yaw
     M_rb: Matrix | None = None  # 6 x 6 about CO, symmetric, where a source gives it
 
     @model_validator(mode="after")
@@ -94,13 +147,15 @@ class Hydrodynamics(Strict):
     radiation: Literal["constant", "memory"] = "constant"
     database: str | None = None  # NAME.hydro.json, in the folder of the vehicle file (tools/hydrodynamics.py)
     drift: bool = False  # mean and slowly varying wave drift of the database, by Newman's approximation
-    added_mass: Diagonal  # -X_udot, -Y_vdot, -Z_wdot (kg), -K_pdot, -M_qdot, -N_rdot (kg m^2)
-    linear: Diagonal  # -X_u ... (N s/m, N m s)
-    quadratic: Diagonal = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # -X_uu ... (N s^2/m^2, N m s^2), factors of |nu| nu
+    added_mass: AddedMass6
+    linear: Linear6
+    quadratic: Quadratic6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     damping_relative_to: Literal["water", "current"] = "water"
-    cross_flow_length: NonNegative = 0.0  # m, of the strip integral; 0: no cross-flow drag
-    cross_flow_draft: NonNegative = 0.0  # m
-    cross_flow_coefficient: NonNegative = 0.0  # 2-D drag coefficient of a section (Hoerner 1965)
+    # of the strip integral; 0: no cross-flow drag
+    cross_flow_length: Annotated[NonNegative, Plausible(0.3, 1.2, "m", of="length")] = 0.0
+    cross_flow_draft: Annotated[NonNegative, Plausible(0.1, 1.5, "m", of="draft")] = 0.0
+    # 2-D drag coefficient of a section (Hoerner 1965)
+    cross_flow_coefficient: Annotated[NonNegative, Plausible(0.1, 3.0)] = 0.0
     cross_flow_strips: Annotated[int, Field(ge=2, le=101)] = 21  # including both ends; width = length / (strips - 1)
     cross_flow_density: WaterDensity = RHO_SEA  # kg/m^3
 
@@ -120,21 +175,22 @@ class Hydrodynamics(Strict):
 class LinearRestoring(Strict):
     """`restoring = "linear"`: -G eta of the source, and the payload as a weight (PythonVehicleSimulator's otter)."""
 
-    G33: Positive  # N/m
-    G44: Positive  # N m
-    G55: Positive  # N m
-    G35: Finite = 0.0  # N
-    payload_mass: NonNegative = 0.0  # kg; the source adds its weight to -G eta
-    payload_position: Vector3 = (0.0, 0.0, 0.0)  # m
+    G33: Annotated[Positive, Plausible(0.05, 1.3, "N/m", of="rho_sea g length beam")]
+    G44: Annotated[Positive, Plausible(0.01, 10.0, "N m", of="mass g beam")]
+    G55: Annotated[Positive, Plausible(0.05, 20.0, "N m", of="mass g length")]
+    G35: Annotated[Finite, Plausible(1e-3, 0.3, "N", of="rho_sea g length^2 beam", either=True)] = 0.0
+    # kg; the source adds its weight to -G eta
+    payload_mass: Annotated[NonNegative, Plausible(5e-3, 1.0, "kg", of="mass")] = 0.0
+    payload_position: Place = (0.0, 0.0, 0.0)
 
 
 class Hull6DofParams(VehicleParams):
     """Parameters of a vehicle file of `hull_6dof`."""
 
-    length: Positive  # m, overall
-    beam: Positive  # m, overall
-    height: Positive  # m, keel to the highest part (for drawing)
-    collision_radius: Positive  # m
+    length: Length  # overall
+    beam: Beam  # overall
+    height: Height  # keel to the highest part (for drawing)
+    collision_radius: CollisionRadius
     restoring: Literal["panels", "linear"] = "panels"
     current_frame: Literal["body", "heading"] = "body"  # "heading": the source's own, level frame
     actions: Literal["surge_yaw", "left_right", "wrench", "units", "propeller_rudder"] = "surge_yaw"
@@ -171,12 +227,6 @@ class Hull6DofParams(VehicleParams):
                 "propeller, rudder), which is for [mmg] alone"
             )
         self._check_damping()
-        if self.all_thrusters:
-            force = sum(t.ahead for t in self.all_thrusters)
-            check_top_speed(
-                steady_speed(force, self.hydrodynamics.linear[0], self.hydrodynamics.quadratic[0]), self.length,
-                "the thrusters (n_max in rad/s, k_positive, thrust_max in N) and hydrodynamics.linear, quadratic",
-            )  # fmt: skip
         if self.thrusters and self.actuators:
             raise ValueError("give either [thrusters], two propellers, or [actuators.NAME], each by itself")
         h = self.hydrodynamics
@@ -235,6 +285,25 @@ class Hull6DofParams(VehicleParams):
     def size(self) -> tuple[float, float, float]:
         """Length, beam, height, m."""
         return self.length, self.beam, self.height
+
+    @property
+    def mass(self) -> float:
+        """Mass, kg."""
+        return self.rigid_body.mass
+
+    @property
+    def draft(self) -> Annotated[float, Plausible(0.02, 1.5, "m", of="beam")]:
+        """Depth of the keel below the design waterline, m."""
+        return self.hull.depth
+
+    @property
+    def top_speed(self) -> TopSpeed:
+        """Speed (m/s) of a straight run with all thrusters, or with the propellers of [mmg]; 0 without any."""
+        h = self.hydrodynamics
+        if self.mmg:
+            return self.mmg.steady_speed(h.linear[0], h.quadratic[0])
+        force = sum(t.ahead for t in self.all_thrusters)
+        return steady_speed(force, h.linear[0], h.quadratic[0]) if force else 0.0
 
     @property
     def M_rb(self) -> np.ndarray:  # noqa: N802

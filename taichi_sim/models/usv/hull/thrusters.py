@@ -11,13 +11,21 @@ due to inflow, to the wake of another thruster, along the hull (Coanda) and to v
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
-from taichi_sim.config import Finite, NonNegative, Positive, Strict
+from taichi_sim.config import Finite, NonNegative, NonPositive, Positive, Strict
+from taichi_sim.config.plausible import Plausible
+from taichi_sim.models.usv.vessel_base import Lag
 
 Vector3 = tuple[Finite, Finite, Finite]
-Lag = Annotated[float, Field(ge=0, le=60)]  # more is a number of milliseconds
-NonPositive = Annotated[float, Field(le=0, allow_inf_nan=False)]
+Along = Annotated[Finite, Plausible(1e-3, 0.6, "m", of="length", either=True)]
+Across = Annotated[Finite, Plausible(1e-3, 0.6, "m", of="beam", either=True)]
+Depth = Annotated[Finite, Plausible(-0.1, 1.5, "m", of="height")]  # propellers are under water
+Port = Annotated[Finite, Plausible(-0.6, -0.03, "m", of="beam")]
+Starboard = Annotated[Finite, Plausible(0.03, 0.6, "m", of="beam")]
+Place = tuple[Along, Across, Depth]
+TurnLeft = Annotated[NonPositive, Plausible(-180.0, -3.0, "deg")]
+TurnRight = Annotated[NonNegative, Plausible(3.0, 180.0, "deg")]
 MOST_THRUSTERS = 8
 DIGITS = 12  # digits of cosines and sines of directions, so that 90 degrees have no part ahead
 
@@ -93,15 +101,16 @@ class PropellerPair(Strict):
     Commands are made as if the gains were 1, because a controller does not know them.
     """
 
-    left: Vector3  # m, position of the left propeller
-    right: Vector3  # m, position of the right propeller
-    k_positive: Positive  # N / (rad/s)^2, ahead
-    k_negative: Positive  # N / (rad/s)^2, astern
-    n_max: Positive  # rad/s
-    n_min: NonPositive  # rad/s
-    lag: Lag  # s, time constant of the shaft speed
-    gain_left: NonNegative = 1.0  # factor of its thrust; below 1, the propeller is fouled or damaged
-    gain_right: NonNegative = 1.0
+    left: tuple[Along, Port, Depth]  # position of the left propeller
+    right: tuple[Along, Starboard, Depth]
+    k_positive: Annotated[Positive, Plausible(2e-4, 2.0, "N s^2", of="mass g n_max^-2")]  # N / (rad/s)^2, ahead
+    k_negative: Annotated[Positive, Plausible(0.03, 3.0, "N s^2", of="k_positive")]  # N / (rad/s)^2, astern
+    n_max: Annotated[Positive, Plausible(2.0, 4000.0, "rad/s")]
+    n_min: Annotated[NonPositive, Plausible(-2.0, -0.02, "rad/s", of="n_max")]
+    lag: Lag  # time constant of the shaft speed
+    # factor of its thrust; below 1, the propeller is fouled or damaged
+    gain_left: Annotated[NonNegative, Plausible(0.05, 2.0)] = 1.0
+    gain_right: Annotated[NonNegative, Plausible(0.05, 2.0)] = 1.0
 
     @model_validator(mode="before")
     @classmethod
@@ -132,16 +141,20 @@ class NamedThruster(Strict):
     Commands are made as if the gain were 1, because a controller does not know it.
     """
 
-    position: Vector3  # m, b
-    direction_deg: Finite = 0.0  # direction of a positive push on the hull, when not turned: 0 ahead, 90 starboard
-    thrust_max: Positive  # N
-    thrust_min: NonPositive  # N, in the opposite direction; 0: none
-    n_max: Positive | None = None  # rad/s; without it, speeds are shares of the highest
-    n_min: NonPositive | None = None  # rad/s, default -n_max
-    lag: Lag  # s, time constant of the speed
-    turn_rate_deg: NonNegative = 0.0  # deg/s, highest turn rate; 0: fixed
-    range_deg: tuple[NonPositive, NonNegative] | None = None  # range of its angle, clockwise; None: all round
-    gain: NonNegative = 1.0  # factor of its thrust; below 1, the thruster is fouled or damaged
+    position: Place  # b
+    # direction of a positive push on the hull, when not turned: 0 ahead, 90 starboard
+    direction_deg: Annotated[Finite, Plausible(3.0, 360.0, "deg", either=True)] = 0.0
+    thrust_max: Annotated[Positive, Plausible(1e-4, 2.0, "N", of="mass g")]
+    # in the opposite direction; 0: none
+    thrust_min: Annotated[NonPositive, Plausible(-1.5, -0.02, "N", of="thrust_max")]
+    # rad/s; without it, speeds are shares of the highest
+    n_max: Annotated[Positive, Plausible(2.0, 4000.0, "rad/s")] | None = None
+    n_min: Annotated[NonPositive, Plausible(-2.0, -0.02, "rad/s", of="n_max")] | None = None  # default -n_max
+    lag: Lag  # time constant of the speed
+    turn_rate_deg: Annotated[NonNegative, Plausible(0.5, 720.0, "deg/s")] = 0.0  # highest turn rate; 0: fixed
+    range_deg: tuple[TurnLeft, TurnRight] | None = None  # range of its angle, clockwise; None: all round
+    # factor of its thrust; below 1, the thruster is fouled or damaged
+    gain: Annotated[NonNegative, Plausible(0.05, 2.0)] = 1.0
 
     @model_validator(mode="after")
     def _consistent(self):
