@@ -135,7 +135,6 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             ValueError: if there is another option, or the mask or the seed cannot be used. Nothing has begun.
         """
-        self.task.program.check()
         mask = self._reset_mask(options or {})
         seed = None if seed is None else whole_number(seed, "seed")
         super().reset(seed=seed)
@@ -154,7 +153,6 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             ResetNeeded: if an episode ended and the mode is DISABLED.
             ProgramError: if another Taichi program runs than when the environments were made.
         """
-        self.task.program.check()
         if self.autoreset_mode is AutoresetMode.DISABLED and self._ended.any():
             ended = self._ended.nonzero()[0].tolist()
             raise ResetNeeded(f"the episodes of environments {ended} ended: reset them")
