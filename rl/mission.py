@@ -106,7 +106,7 @@ class Mission(Stateful, Generic[C, T]):
         config: the scenario. world: the simulated world. teams: name -> Team, of the teams that take part.
         steps: int64 [env], decisions since the episode began. generator: source of all random draws of episodes.
         noise: counter of the random numbers of sensors and radio. due: environments of the phases `move` and `truth`.
-        program: the Taichi program in which it was made, and with which alone it works. device: where tensors live.
+        device: where tensors live.
     """
 
     Config: ClassVar[type[Scenario]] = Scenario
@@ -136,7 +136,7 @@ class Mission(Stateful, Generic[C, T]):
         self.world = self.remember(
             self.make_world(config, num_envs, seed=derive_seed(seed, "sea"), teams=teams, source=source)
         )
-        self.program, self.device = self.world.program, self.world.program.device
+        self.device = runtime.current().device
         self.generator = self.share(torch.Generator().manual_seed(derive_seed(seed, "episodes")))
         self.steps = self.remember(torch.zeros(num_envs, dtype=torch.int64, device=self.device))
         self.noise = self.remember(Noise(num_envs, derive_seed(seed, "sensors")))
@@ -404,7 +404,6 @@ class Mission(Stateful, Generic[C, T]):
             ValueError: for environments or seas that do not exist, environments that are named twice, or an array of
                 whole numbers that may be meant as a mask; nothing has changed then.
         """
-        self.program.check()
         rows: Tensor = self._all if envs is None else environments(envs, self.num_envs)
         drawn = None
         if seas is not None:

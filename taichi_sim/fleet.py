@@ -184,7 +184,7 @@ class Fleet(Views[M]):
 
     def __init__(self, name: str, model: M, num_envs: int, count: int):
         """Allocate `count` vehicles of `model` in each environment, at rest at the origin."""
-        run = self._program = runtime.current()
+        run = runtime.current()
         options: dict[str, Any] = {"dtype": run.torch_dtype, "device": run.device}
         self.name, self.count, self.num_envs, self.dt = name, count, num_envs, self.scratch(model.dt)
         sizes = STATE_SIZE, DERIVED_SIZE, max(model.aux_size, 1)
@@ -322,7 +322,6 @@ class Fleet(Views[M]):
         It may be written in place. It costs nothing until its first use.
         """
         if self._load is None:
-            self._program.check()
             self._load = self.state.new_zeros((*self.state.shape[:2], 6))
             self._pack = self._packed()
         return self._load
@@ -369,7 +368,6 @@ class Fleet(Views[M]):
             envs: the environments.
         """
         if self._vary is None:
-            self._program.check()
             self._vary = whole = self.nominal.expand(*self.state.shape[:2], -1).clone()
             self._numbers = self.numbers_of(whole).to(self.state.dtype).contiguous()
             self._pack = self._packed()

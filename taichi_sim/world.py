@@ -78,7 +78,6 @@ class World(Stateful):
         sea: the realisations.
         env_sea: int32 [env], realisation of each environment.
         time: float64 [env], s.
-        program: the Taichi program in which it was made, and with which alone it works.
         teams: name -> Fleet, the simulated teams.
         scripts: name -> script that acts for a team.
         conditions: conditions of each realisation (randomisation/conditions.py); `renew` gives them to environments.
@@ -120,7 +119,7 @@ class World(Stateful):
             ConfigError: for a vehicle that cannot be used.
             ValueError: for an unknown team, a wrong number or seed, or more environments than memory can hold.
         """
-        run = self.program = runtime.current()
+        run = runtime.current()
         self.num_envs = num_envs = whole_number(num_envs, "num_envs", 1)
         self.config, self._source = config, source and source.resolve()
         self.seed = whole_number(config.seed if seed is None else seed, "seed")
@@ -210,7 +209,7 @@ class World(Stateful):
         each = self.config.sea.components
         for name, model in models.items():
             each += self.config.teams[name].count * (STATE_SIZE + DERIVED_SIZE + SURFACE_SIZE + model.aux_size)
-        check_memory(each * self.program.torch_dtype.itemsize, self.num_envs)
+        check_memory(each * runtime.current().torch_dtype.itemsize, self.num_envs)
 
     def _add_team(self, name: str, model: Vehicle) -> None:
         """Add the team of that name to the simulation."""
@@ -257,9 +256,9 @@ class World(Stateful):
         Raises:
             ValueError: for a wrong shape, or an action that is not finite; nothing has moved then. A script whose
                 action is refused has advanced.
-            ProgramError: if Taichi runs in another precision or on another architecture than when the world was made.
+            ProgramError: if Taichi runs in another precision or on another architecture than when the world was made,
+                or somebody else has ended its program.
         """
-        self.program.check()
         checked = self.checked(actions)
         for name, script in self.scripts.items():
             if name not in checked:
@@ -331,7 +330,6 @@ class World(Stateful):
         Raises:
             ValueError: for environments that do not exist or are named twice; nothing has changed then.
         """
-        self.program.check()
         rows = environments(envs, self.num_envs, whole=True)
         self._variation.begin(rows, self.env_sea[rows], self.current, self.wind)
         self._follow(rows)
@@ -399,7 +397,6 @@ class World(Stateful):
             ValueError: for an unknown team, environments that do not exist or are named twice, or a state of another
                 shape, that is not finite, or whose quaternions are none; nothing has moved then.
         """
-        self.program.check()
         if name not in self.teams:
             raise ValueError(f"there is no team {name!r}: there are {', '.join(self.teams) or 'none'}")
         fleet, rows = self.teams[name], environments(envs, self.num_envs, whole=True)

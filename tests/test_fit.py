@@ -4,6 +4,7 @@ import csv
 import glob
 import re
 import shlex
+import shutil
 import struct
 import sys
 from dataclasses import replace
@@ -278,6 +279,10 @@ def test_a_bag_holds_the_same_log(storage, logs, tmp_path):
         np.testing.assert_allclose(np.exp(1j * found.motion[:, 2]), np.exp(1j * plain.motion[:, 2]), atol=1e-9)
         np.testing.assert_array_equal(found.actions, plain.actions)
         assert len(found.digest) == 64 and len(found.parts) == 1
+    (part,) = (file for file in folder.iterdir() if file.suffix != ".yaml")
+    shutil.copyfile(part, folder / f"bag_1{part.suffix}")
+    with pytest.warns(UserWarning, match=f"left out: bag_1{part.suffix}, which metadata.yaml does not name"):
+        read_log(folder, model)
 
 
 def test_bags_without_what_a_fit_needs_are_told(logs, tmp_path, monkeypatch):
@@ -298,6 +303,9 @@ def test_bags_without_what_a_fit_needs_are_told(logs, tmp_path, monkeypatch):
     for bad in (tmp_path, tmp_path / "empty.mcap"):
         with pytest.raises(LogError, match="no bag of ROS 2 that can be read"):
             read_log(bad, model)
+    (killed := tmp_path / "killed.mcap").write_bytes(own.read_bytes()[:-300])
+    with pytest.raises(LogError, match=r"killed.mcap has no end.*`mcap recover .*killed.mcap -o NEW.mcap`"):
+        read_log(killed, model)
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     with pytest.raises(ImportError, match="taichi-sim.ros."):
         read_log(own, model)

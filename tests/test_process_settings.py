@@ -1,5 +1,6 @@
 """Settings of the process under living objects: they change no number, or the objects are refused by name."""
 
+import ast
 import contextlib
 import copy
 import os
@@ -192,6 +193,67 @@ def test_a_forked_process_is_refused_by_name_and_ends(tmp_path):
     assert done.stderr.count("'spawn' or 'forkserver'") == 5
 
 
+OWN = """
+import numpy as np
+import taichi as ti
+import taichi_sim as ts
+
+def boats():
+    return ts.World.from_scenario("paper", 2, teams=("usv",))
+
+def step(world):
+    world.step({"usv": np.zeros((2, 3, 2))})
+
+def refused(use, *given):
+    try:
+        use(*given)
+    except ts.ProgramError as error:
+        return str(error).split(",")[0]
+
+def field():
+    made = ti.field(ti.f32, 3)
+    made[1] = 3.0
+    return made
+
+@ti.kernel
+def double(x: ti.template()):
+    for i in x:
+        x[i] *= 2.0
+
+ti.init(arch=ti.cpu)
+mine = field()
+said = [refused(boats), refused(ts.init)]
+assert mine[1] == 3.0
+ti.reset()
+world = boats()
+step(world)
+mine = field()  # beside a world's
+double(mine)
+step(world)
+assert mine[1] == 6.0
+ti.init(arch=ti.cpu)
+mine = field()
+said += [refused(use, *given) for use, *given in ((step, world), (world.snapshot,), (boats,), (ts.init,))]
+assert mine[1] == 3.0
+for _ in range(2):
+    ti.reset()
+    said.append(refused(step, world))
+    ts.init()
+    step(world)
+print(said)
+"""
+
+
+def test_a_taichi_program_of_ones_own_neither_ends_nor_is_ended_by_a_world(tmp_path):
+    """In a process of its own; what is refused says whose program has ended, or runs."""
+    done = run(tmp_path / "own.py", OWN)
+    assert done.returncode == 0, done.stderr
+    ours, theirs = "the Taichi program of this was ended by ti.init or ti.reset", "a Taichi program runs that"
+    told = ast.literal_eval(done.stdout.splitlines()[-1])
+    for text, cause in zip(told, (theirs, theirs, ours, ours, ours, theirs, ours, ours), strict=True):
+        assert text.startswith(cause), told
+
+
 @pytest.mark.slow
 def test_gymnasiums_processes_work_if_they_are_spawned(tmp_path):
     """Forked ones end at once with the message, and the command with them."""
@@ -214,11 +276,6 @@ def test_objects_of_another_precision_are_refused_and_nothing_moves():
     try:
         for use in (
             lambda: world.step(still(world)),
-            lambda: world.place("usv", [0], fleet.state[:1]),
-            lambda: world.renew([0]),
-            lambda: world.fork([0]),
-            lambda: fleet.load,
-            lambda: fleet.set_numbers({"mass": 70.0}),
             lambda: bench.step((0.1, 0.1)),
             lambda: env.step({"usv": np.zeros((1, 3, 2))}),
             lambda: env.reset(seed=1),

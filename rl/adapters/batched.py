@@ -139,7 +139,6 @@ class BatchedEnv:
             ValueError: for a seed that is none, environments that do not exist or are named twice, or an array of whole
                 numbers that may be meant as a mask (`mask.bool()` is one). Nothing has begun.
         """
-        self.mission.program.check()
         seed = None if seed is None else whole_number(seed, "seed")
         begun = torch.ones_like(self._over)
         if envs is not None:
@@ -160,7 +159,6 @@ class BatchedEnv:
             ResetNeeded: if an episode is over and autoreset is off.
             ProgramError: if another Taichi program runs than when the environments were made.
         """
-        self.mission.program.check()
         if self._over.any():
             raise ResetNeeded(f"the episodes of environments {self._over.nonzero().squeeze(1).tolist()} are over")
         given, mission = self._checked(actions), self.mission

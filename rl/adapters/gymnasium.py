@@ -77,6 +77,7 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         render_mode: str | None = None,
         render_size: tuple[int, int] | None = None,
+        max_episode_steps: int | None = None,
     ):
         """Build the mission of a scenario in which `team` acts.
 
@@ -92,6 +93,8 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             autoreset_mode: described above.
             render_mode: None, "rgb_array" (`render` returns a picture of each environment), or "human" (a window).
             render_size: width and height of each picture, px. Default: 640x480 for one environment, smaller for more.
+            max_episode_steps: refused, what `gymnasium.make_vec` was given: the scenario's `episode_duration` ends
+                episodes.
 
         Raises:
             ValueError: if an argument is wrong.
@@ -103,6 +106,12 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
 
         config, source = load_scenario(scenario, overrides), find_config(scenario)
+        if max_episode_steps is not None:
+            seconds = max_episode_steps * config.decision_interval
+            raise ValueError(
+                f"max_episode_steps = {max_episode_steps}: episodes end by the scenario's time: give "
+                f"overrides=['episode_duration={seconds:g}'], s"
+            )
         commanded = [name for name in config.teams if name not in config.scripted]
         if team not in commanded:
             raise ValueError(f"team = {team!r}: allowed are {', '.join(commanded)}")
@@ -135,7 +144,6 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             ValueError: if there is another option, or the mask or the seed cannot be used. Nothing has begun.
         """
-        self.task.program.check()
         mask = self._reset_mask(options or {})
         seed = None if seed is None else whole_number(seed, "seed")
         super().reset(seed=seed)
@@ -154,7 +162,6 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             ResetNeeded: if an episode ended and the mode is DISABLED.
             ProgramError: if another Taichi program runs than when the environments were made.
         """
-        self.task.program.check()
         if self.autoreset_mode is AutoresetMode.DISABLED and self._ended.any():
             ended = self._ended.nonzero()[0].tolist()
             raise ResetNeeded(f"the episodes of environments {ended} ended: reset them")

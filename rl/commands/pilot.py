@@ -17,6 +17,8 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
+SLOWEST = 0.01  # of real time; a slower simulation is looked at as often as this one
+
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
@@ -165,6 +167,7 @@ def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
     from rl.adapters.pilot.autopilot_link import dialect
+    from rl.adapters.pilot.clock import Clock
     from rl.adapters.pilot.companion import PilotError
     from rl.adapters.pilot.connections import Wire, check_different, read_address
 
@@ -190,10 +193,11 @@ def main(argv: list[str] | None = None) -> None:
         pilot.rehearse()
         for wire in opened.values():
             wire.receive()  # old by now
-        ends = math.inf if args.duration is None else time.monotonic() + args.duration
+        clock = Clock(time.monotonic())
+        ends = math.inf if args.duration is None else clock(time.monotonic()) + args.duration
         tell(f"listening: {', '.join(map(str, addresses))}")
         try:
-            fly(pilot, wires, ends)
+            fly(pilot, wires, clock, ends)
         except BaseException:
             pilot.end("interrupted")
             raise
@@ -206,8 +210,11 @@ def main(argv: list[str] | None = None) -> None:
     tell(pilot.ended.why)
 
 
-def fly(pilot, wires, ends: float) -> None:
-    """Hear and act until the companion has ended, or the clock shows `ends` (s)."""
+def fly(pilot, wires, clock, ends: float) -> None:
+    """Hear and act until the companion has ended, or its `clock` shows `ends` (s)."""
+    lead, told = pilot.links[0], False
+    from rl.adapters.pilot.companion import SLOW
+
     with selectors.DefaultSelector() as ready:
         for wire in set(wires):
             links = [link for link, its in zip(pilot.heard, wires, strict=True) if its is wire]
@@ -218,13 +225,19 @@ def fly(pilot, wires, ends: float) -> None:
                 wire, links = key.data
                 data = wire.receive()
                 for link in links if data else ():
-                    link.receive(data, time.monotonic())
+                    before, real = link.clock, time.monotonic()
+                    link.receive(data, clock(real))
+                    if link is lead and link.simulated and link.clock != before:
+                        clock.follow(real, link.clock)
                 if not wire.open:
                     ready.unregister(wire.socket)
-            now = time.monotonic()
+            now = clock(time.monotonic())
             if now >= ends:
                 pilot.end("the time of --duration is over")
-            wait = pilot.tick(now)
+            if not told and clock.pace < SLOW and pilot.phase != "waiting":
+                told = True
+                pilot.tell(f"{lead.name} is simulated, at {clock.pace:.2f} of real time: time is kept by its clock")
+            wait = pilot.tick(now) / max(clock.pace, SLOWEST)
 
 
 if __name__ == "__main__":

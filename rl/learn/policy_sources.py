@@ -93,9 +93,13 @@ class Network:
         for what, entries in (("inputs", inputs), ("outputs", list(model.graph.output))):
             if len(entries) != 1:
                 names = ", ".join(entry.name for entry in entries)
+                more = (
+                    "there is no network in this file" if not entries else
+                    "export the actions alone, without values or probabilities" if len(inputs) == 1 else
+                    "a policy that keeps state between decisions cannot be judged here"
+                )  # fmt: skip
                 raise CheckpointError(
-                    f"{file}: its {what} are {names or 'none'}: wanted is one, observations to actions; a policy that "
-                    "keeps state between decisions cannot be judged here"
+                    f"{file}: its {what} are {names or 'none'}: wanted is one, observations to actions; {more}"
                 )
         kind = inputs[0].type.tensor_type
         sizes = kind.shape.dim

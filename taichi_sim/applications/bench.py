@@ -117,7 +117,6 @@ class Bench:
             sea = resolved_sea(WorldConfig(sea=sea, air=air or AirConfig()))
             flow, sea = sea.current, Sea.from_config(sea, seed)
         self.sea = sea or calm_sea()
-        self.sea.program.check()
         self.fleet = Fleet(name, self.model, envs, count)
         self._told = False
         self.time = torch.zeros(envs, dtype=torch.float64, device=run.device)

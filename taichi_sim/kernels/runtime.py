@@ -1,9 +1,10 @@
 """Start of Taichi: architecture, precision, threads.
 
 Taichi holds one program per process. `init` starts it. A second call with the same arguments does nothing. A call with
-other arguments starts a new program, and every kernel is compiled again at its next launch. Objects made before that
-have tensors of another precision, or on another device, are refused at their next use (`ProgramError`). So is any use
-in a forked process, which has none of Taichi's threads.
+other arguments starts a new program, and every kernel is compiled again at its next launch. A launch is refused
+(`ProgramError`) with tensors of another precision or device than the program's, in a forked process, which has none of
+Taichi's threads, and after somebody else has ended our program (`ti.init`, `ti.reset`). A program that somebody else
+started is not ended.
 
 Settings of torch belong to the whole process, and a caller may have others than this package relies on. All work is
 done within `own_settings`, which also lets one thread work at a time.
@@ -26,7 +27,7 @@ import weakref
 from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, cast
+from typing import Any, ClassVar, Literal, NamedTuple, cast
 
 import taichi as ti
 import torch
@@ -46,6 +47,18 @@ FORKED = (
     "this process was forked from one that had started Taichi, whose threads a fork does not have: start processes by "
     "'spawn' or 'forkserver' instead (multiprocessing.set_start_method; for an AsyncVectorEnv of Gymnasium "
     "vector_kwargs={'context': 'spawn'}), or fork before anything of taichi_sim is made"
+)
+
+
+ENDED = (
+    "the Taichi program of this was ended by ti.init or ti.reset, which taichi_sim did not call: call ts.init to go on "
+    "(after ti.reset() if a program of your own runs), and leave ti.init out: fields and kernels of your own that are "
+    "made after ts.init work beside ours"
+)
+FOREIGN = (
+    "a Taichi program runs that taichi_sim did not start (ti.init), and a process has one: starting ours would end it, "
+    "with its fields. Call ts.init() in place of ti.init, and make fields and kernels of your own after it; or end "
+    "that program by ti.reset() first"
 )
 
 
@@ -71,19 +84,22 @@ class Runtime:
         """Device of the state tensors, on which kernels work in place."""
         return torch.device("cuda" if self.arch == "cuda" else "cpu")
 
-    def check(self) -> None:
-        """Refuse to use objects that were made in this program where another precision or architecture runs now.
+    def check(self, *tensors: torch.Tensor) -> None:
+        """Refuse floating-point tensors of another precision, and any on another device.
 
         Raises:
-            ProgramError: as described. More or fewer threads make no difference.
+            ProgramError: as described.
         """
-        now = current()
-        if (now.arch, now.precision) != (self.arch, self.precision):
-            raise ProgramError(
-                f"this was made with arch {self.arch!r} and precision {self.precision!r}, and Taichi has been started "
-                f"again since, with arch {now.arch!r} and precision {now.precision!r}: make it anew, go back by "
-                f"ts.init(arch={self.arch!r}, precision={self.precision!r}), or use one precision in a process"
-            )
+        for tensor in tensors:
+            known = tensor.dtype == self.torch_dtype or not tensor.is_floating_point()
+            if not known or tensor.device.type != self.device.type:
+                theirs = "f64" if tensor.dtype == torch.float64 else "f32"
+                arch = self.arch if tensor.device.type == self.device.type else tensor.device.type
+                raise ProgramError(
+                    f"this was made with arch {arch!r} and precision {theirs!r}, and Taichi has been started again "
+                    f"since, with arch {self.arch!r} and precision {self.precision!r}: make it anew, go back by "
+                    f"ts.init(arch={arch!r}, precision={theirs!r}), or use one precision in a process"
+                )
 
 
 PATCHED = not os.environ.get("TAICHI_SIM_NO_PATCHES")
@@ -94,7 +110,7 @@ LONG = 3.0  # s; a kernel that is kept is read in less
 _own_cache: str | None = None  # a temporary one, of a process that cannot write to that
 _current: Runtime | None = None
 _generation = 0  # number of the Taichi program; kernels compiled in an earlier one are gone
-_forked = False  # whether this process was forked from one in which Taichi ran
+_void: str | None = None  # why nothing can be launched: the process was forked, or somebody else ended our program
 _lock = threading.RLock()  # held by the thread that works
 _packs: weakref.WeakValueDictionary[int, ArgPack] = weakref.WeakValueDictionary()  # packs that are alive, by identity
 
@@ -109,11 +125,10 @@ def init(arch: str = "cpu", precision: Precision = "f32", threads: int = 0) -> R
 
     Raises:
         ValueError: for an unknown architecture or precision, or a wrong number of threads.
-        ProgramError: in a process that was forked from one in which Taichi ran.
+        ProgramError: in a process that was forked from one in which Taichi ran, and where a program runs that somebody
+            else started.
     """
-    global _current, _generation
-    if _forked:
-        raise ProgramError(FORKED)
+    global _current, _generation, _void
     if arch not in ("cpu", "cuda"):
         raise ValueError(f"arch = {arch!r}: allowed are 'cpu' and 'cuda'")
     if precision not in ("f32", "f64"):
@@ -121,8 +136,10 @@ def init(arch: str = "cpu", precision: Precision = "f32", threads: int = 0) -> R
     if isinstance(threads, bool) or not isinstance(threads, int) or threads < 0:
         raise ValueError(f"threads = {threads!r}: a number of threads is expected, 0 for one per available core")
     wanted = Runtime(arch, precision, threads or len(os.sched_getaffinity(0)))
-    if _current == wanted:
+    if _current == wanted and _void is None:
         return wanted
+    if _void is FORKED or (impl.get_runtime().prog is not None and (_void or _current is None)):
+        raise ProgramError(FORKED if _void is FORKED else FOREIGN)
     with _lock:
         _check_cache()
         before = _threads()
@@ -141,9 +158,8 @@ def init(arch: str = "cpu", precision: Precision = "f32", threads: int = 0) -> R
             )
         _bind_to_cores(sorted(_threads() - before)[-wanted.threads :])
         _clear_stale_lock(Path(impl.current_cfg().offline_cache_file_path))
-        _current = wanted
+        _current, _void = wanted, None
         _generation += 1
-        _forget_packs()
     return wanted
 
 
@@ -193,7 +209,13 @@ def _clear_stale_lock(cache: Path) -> None:
 
 
 def current() -> Runtime:
-    """Return the running Taichi program; start the default one if there is none."""
+    """Return the running Taichi program; start the default one if there was none.
+
+    Raises:
+        ProgramError: if our program cannot be used any more (`_void`).
+    """
+    if _void is not None:
+        raise ProgramError(_void)
     return _current or init()
 
 
@@ -216,7 +238,7 @@ def pack(kind: ArgPackType, **members: torch.Tensor) -> ArgPack:
 
 
 class Packed:
-    """Tensors that kernels take as one argument; valid in every Taichi program of the same precision and architecture.
+    """Tensors that kernels take as one argument; valid in every Taichi program of their precision and device.
 
     Attributes:
         members: name -> tensor.
@@ -224,19 +246,13 @@ class Packed:
 
     def __init__(self, kind: ArgPackType, **members: torch.Tensor):
         """Take tensors for a pack of type `kind` (`ti.types.argpack`)."""
-        self.members, self._kind, self._program = members, kind, current()
+        self.members, self._kind = members, kind
         self._made: ArgPack | None = None
         self._generation = -1
 
     def __call__(self) -> ArgPack:
-        """Return the pack: the same object as long as the Taichi program runs.
-
-        Raises:
-            ProgramError: in a program of another precision or architecture. Its kernels take vectors of another width
-                (lanes.py), and would read other numbers.
-        """
+        """Return the pack: the same object as long as the Taichi program runs."""
         if self._made is None or self._generation != generation():
-            self._program.check()
             self._made, self._generation = pack(self._kind, **self.members), _generation
         return self._made
 
@@ -259,11 +275,11 @@ class _Forked:
 
 def _after_fork() -> None:
     """In a forked process: void the packs and the program, if Taichi ran in the parent."""
-    global _current, _forked, _lock
+    global _void, _lock
     if _current is None:
         return
     _forget_packs()
-    _current, _forked, _lock = None, True, threading.RLock()
+    _void, _lock = FORKED, threading.RLock()
     impl.get_runtime().prog = _Forked(impl.get_runtime().prog)
 
 
@@ -282,6 +298,22 @@ def _forget_packs() -> None:
     for old in list(_packs.values()):
         old.__class__ = _Void  # type: ignore[assignment]
     _packs.clear()
+
+
+class _Watch:
+    """A kernel, for Taichi: it resets all kernels when a program ends, whoever ends it."""
+
+    compiled_kernels: ClassVar[dict[object, object]] = {}
+
+    def reset(self) -> None:
+        """Void what belongs to the program that has ended, until `init` has started another."""
+        global _void
+        _forget_packs()
+        if _current is not None and _void is None:
+            _void = ENDED
+
+
+impl.get_runtime().kernels.append(_Watch())
 
 
 @atexit.register
@@ -322,7 +354,7 @@ class own_settings(contextlib.ContextDecorator):  # noqa: N801 (a context, used 
     settings are those of the process. Where all is as it should be, entering and leaving take a microsecond.
 
     Raises:
-        ProgramError: in a process that was forked from one in which Taichi ran.
+        ProgramError: if our Taichi program cannot be used any more.
     """
 
     def _recreate_cm(self) -> "own_settings":
@@ -330,8 +362,8 @@ class own_settings(contextlib.ContextDecorator):  # noqa: N801 (a context, used 
 
     def __enter__(self) -> None:
         """Wait for other threads, and change what differs."""
-        if _forked:
-            raise ProgramError(FORKED)
+        if _void is not None:
+            raise ProgramError(_void)
         _lock.acquire()
         dtype = torch.get_default_dtype()
         elsewhere = torch._C._len_torch_function_stack() > 0  # a default device is a mode on this stack
@@ -447,6 +479,7 @@ class Launcher:
         owner = getattr(kernel, "_kernel_owner", None)
         self._owner = () if owner is None else (owner,)
         self._wanted = self._primal.arguments[len(self._owner) :]
+        self._typed = [getattr(wanted.annotation, "dtype", None) is not None for wanted in self._wanted]
         self._templates = [isinstance(wanted.annotation, template) for wanted in self._wanted]
         self._bound: list[_Bound] = []
         self._last: _Bound | None = None  # of `once`, with the types of tensors in their place
@@ -487,6 +520,11 @@ class Launcher:
         """Compile the kernel for `args` if needed, and bind them."""
         if len(args) != len(self._wanted):
             raise TypeError(f"{self._primal.func.__name__} takes {len(self._wanted)} arguments, not {len(args)}")
+        for value, typed in zip(args, self._typed, strict=True):
+            if isinstance(value, ArgPack):
+                current().check(*(member for _, member in value.items))
+            elif isinstance(value, torch.Tensor) and not typed:
+                current().check(value)
         form = tuple(map(_form, args, self._templates))
         if form not in self._compiled:
             with without_passes() if self._plain else contextlib.nullcontext():

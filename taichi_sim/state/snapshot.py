@@ -356,7 +356,6 @@ class Stateful(Remembers):
     """A world or a mission whose environments can be saved, restored, copied and forked (module docstring)."""
 
     num_envs: int
-    program: runtime.Runtime
 
     def __reduce_ex__(self, protocol: object) -> NoReturn:
         """Refuse to be copied by `copy` or written by `pickle`: kernels and packs are of this process alone.
@@ -374,7 +373,6 @@ class Stateful(Remembers):
     @runtime.torch_at_rest()
     def snapshot(self) -> Snapshot:
         """Copy everything that the environments remember; `restore` continues from there, to the bit."""
-        self.program.check()
         values = {entry.path: _taken(entry.value) for entry in checked(self).entries}
         return Snapshot(VERSION, about(self), self.num_envs, values, self.made())
 
@@ -412,7 +410,6 @@ class Stateful(Remembers):
         Raises:
             StateError: for environments that do not exist, a target that is named twice, or another number of targets.
         """
-        self.program.check()
         source = _envs(source_envs, self.num_envs, "source_envs", twice=True)
         target = _envs(target_envs, self.num_envs, "target_envs")
         if len(source) != len(target):
@@ -438,7 +435,6 @@ class Stateful(Remembers):
             StateError: for environments that do not exist, `into` of another kind or size, or too little memory; the
                 message says how much.
         """
-        self.program.check()
         rows = _envs(envs, self.num_envs, "envs", twice=True)
         if not len(rows):
             raise StateError("a fork of no environments: there is nothing in it")

@@ -52,7 +52,6 @@ class Surroundings(Remembers):
     @classmethod
     def of(cls, sea: Sea, env_sea: Tensor, time: Tensor) -> "Surroundings":
         """A sea without current or wind; env_sea int32 [env], time float64 [env], s."""
-        sea.program.check()
         calm = torch.zeros((env_sea.shape[0], 5), dtype=sea.table.dtype, device=sea.table.device)
         current, wind = calm[:, :2].contiguous(), calm[:, 2:].contiguous()
         depth = DEEP if sea.depth is None else sea.depth

@@ -187,9 +187,16 @@ def test_wrong_reset_options_are_refused(options: dict, message: str) -> None:
         env.reset(options=options)
 
 
-@pytest.mark.parametrize("options", [{"team": "submarine"}, {"team": "usv", "num_envs": 0}])
-def test_wrong_arguments_are_refused(options: dict) -> None:
-    with pytest.raises(ValueError, match="allowed are|at least 1"):
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"team": "submarine"}, "allowed are"),
+        ({"team": "usv", "num_envs": 0}, "at least 1"),
+        ({"team": "usv", "max_episode_steps": 50}, "'episode_duration=5'"),
+    ],
+)
+def test_wrong_arguments_are_refused(options: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         TeamVectorEnv(**options)
 
 

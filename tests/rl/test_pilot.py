@@ -21,6 +21,7 @@ from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 
 from rl.adapters.pilot.autopilot_link import Attitude, Link, Place
+from rl.adapters.pilot.clock import Clock
 from rl.adapters.pilot.companion import LOST, STALE, Pilot
 from rl.adapters.pilot.connections import Wire, check_different, read_address
 from rl.adapters.pilot.laid_course import Chart, quaternion
@@ -323,6 +324,36 @@ def test_what_has_waited_in_a_radio_is_as_old_as_it_is():
     assert link.turned == pytest.approx(100.2, abs=1e-3)
     link.receive(attitude(1.0), 102.0)  # it has started anew
     assert link.turned == pytest.approx(102.0)
+
+
+@pytest.mark.parametrize(("pace", "simulated"), [(0.4, True), (3.0, True), (0.4, False)])
+def test_time_is_kept_by_the_clock_of_a_simulated_autopilot(guided, pace, simulated):
+    """A simulation slower or faster than real time; one that does not tell what it is is ended, with the cause."""
+    clock = Clock(0.0)
+    guided.begin(GUIDED)
+    for autopilot in guided.boats.autopilots:
+        autopilot.parameters = PARAMETERS | ({"SIM_SPEEDUP": 1.0} if simulated else {})
+
+    def hear(link):
+        def receive(data, now):
+            link.receive(data, clock(now / pace))
+            if link is guided.links[0] and link.simulated:
+                clock.follow(now / pace, link.clock)
+
+        return receive
+
+    guided.boats.receivers = [hear(link) for link in guided.links]
+    guided.pilot.tick(clock(guided.boats.clock.now / pace))
+    begun = guided.boats.clock.now
+    while guided.boats.clock.now < begun + 12.0 and guided.pilot.ended is None:
+        guided.boats.step()
+        guided.pilot.tick(clock(guided.boats.clock.now / pace))
+    if simulated:
+        assert guided.pilot.ended is None and clock.pace == pytest.approx(pace, rel=0.02)
+        assert guided.pilot.decisions == pytest.approx(12.0 / guided.pilot.interval, abs=12)
+        assert max(guided.pilot.ages) < 0.2 and "holding" not in str(guided.news)
+    else:
+        guided.ends("its clock runs at 0.40 of ours", "a simulation slower than real time", fault=True)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import json
 
+import onnx
 import pytest
 import torch
 from command_line import TINY, onnx_session, sets, tiny_run
@@ -138,6 +139,23 @@ def test_other_names_widths_or_order_are_refused(boats, tmp_path):
         exported(each, names[::-1])(boats)
     with pytest.raises(CheckpointError, match="it was trained on 'sonar', which usv has not"):
         exported(each, ["sonar", *names[1:]])(boats)
+
+
+@pytest.mark.parametrize(
+    ("outputs", "told"),
+    [
+        ((), "inputs are none: .*; there is no network in this file"),
+        (("actions", "value"), "outputs are actions, value: .*; export the actions alone"),
+    ],
+)
+def test_a_network_of_no_or_several_outputs_is_told(outputs, told, tmp_path):
+    tensor = {name: onnx.helper.make_tensor_value_info(name, 1, ["row", 3]) for name in ("obs", *outputs)}
+    nodes = [onnx.helper.make_node("Identity", ["obs"], [name]) for name in outputs]
+    graph = onnx.helper.make_graph(nodes, "g", [tensor["obs"]], [tensor[name] for name in outputs])
+    content = onnx.helper.make_model(graph).SerializeToString() if outputs else b""
+    (file := tmp_path / "net.onnx").write_bytes(content)
+    with pytest.raises(CheckpointError, match=told):
+        read_onnx(file)
 
 
 def test_a_recurrent_network_is_refused(tmp_path):

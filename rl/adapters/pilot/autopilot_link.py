@@ -5,13 +5,15 @@ asks for the messages that it needs, and reads parameters; it never writes one.
 
 A message counts as new if the autopilot's own clock in it has advanced: one that is repeated grows old like one that is
 lost. It was sent when that clock says so, reckoned by the message that has come quickest so far: one that has waited in
-a radio is as old as it is. Places that are 0, 0 (no fix) and numbers that are not finite are ignored.
+a radio is as old as it is. A simulated autopilot tells `SIM_SPEEDUP` and has no radio: what it says was sent when it
+arrived, however slow the simulation. Places that are 0, 0 (no fix) and numbers that are not finite are ignored.
 """
 
 import math
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
+from rl.adapters.pilot.clock import Pace
 from taichi_sim.config.base import MissingExtraError
 
 AUTOPILOT = 1  # MAV_COMP_ID_AUTOPILOT1
@@ -25,6 +27,7 @@ REBOOT = 1000  # ms; a clock that falls by more has started anew
 EVERY = 1.0  # s between heartbeats, and between requests that are not answered
 NEVER = -math.inf  # s, of the clock
 DRIFT = 1e-4  # of the autopilot's clock, at the most; assumed
+SIMULATED = "SIM_SPEEDUP"  # a parameter that simulated autopilots alone have
 
 
 def dialect() -> Any:
@@ -73,6 +76,7 @@ class Link:
         name: of the vehicle, for messages. heart, place, attitude: what it has said last; None: nothing yet. wind: of
             the last WIND, velocity of the air, NED, m/s; NaN: nothing yet.
         placed, turned, blown: when the newest place, attitude and wind were sent; heard: when anything arrived, s.
+        clock: the newest time that it has told, of its own clock, s; pace: how fast that runs against ours.
         parameters: name -> value, as it has told them. refused: number of a command -> MAV_RESULT.
         other: another system on this connection whose autopilot has been heard; 0: there is none, or one was named.
     """
@@ -95,6 +99,7 @@ class Link:
         self.wind = math.nan, math.nan, math.nan
         self.placed = self.turned = self.blown = self.heard = NEVER
         self._clocks: dict[str, int] = {}  # kind of message -> the autopilot's clock, ms
+        self.clock, self.pace = NEVER, Pace()
         self._ahead, self._at = math.inf, NEVER  # our clock over its, by the quickest message, s; as of when
         self.parameters: dict[str, float] = {}
         self.refused: dict[int, int] = {}
@@ -160,10 +165,18 @@ class Link:
         if clock < last:
             self._clocks, self._ahead = {}, math.inf
         self._clocks[kind] = clock
-        ahead = now - 1e-3 * clock
-        self._ahead = ahead if ahead < self._ahead else min(ahead, self._ahead + DRIFT * (now - self._at))
+        self.clock = 1e-3 * clock
+        self.pace(now, self.clock)
+        ahead = now - self.clock
+        drift = 1.0 if self.simulated else DRIFT
+        self._ahead = ahead if ahead < self._ahead else min(ahead, self._ahead + drift * (now - self._at))
         self._at = now
-        return 1e-3 * clock + self._ahead
+        return self.clock + self._ahead
+
+    @property
+    def simulated(self) -> bool:
+        """Whether it is known to be a simulated autopilot."""
+        return SIMULATED in self.parameters
 
     def age(self, now: float) -> float:
         """How long ago the oldest one of place, attitude and, if needed, wind was sent, s; infinite without one."""
@@ -203,7 +216,7 @@ class Link:
             self._asked = now
             for message in (ATTITUDE, POSITION, *((WIND,) if self._airy else ())):
                 self.command(SET_INTERVAL, message, round(1e6 * interval))
-            for name in missing:
+            for name in (*missing, *(() if self.simulated else (SIMULATED,))):
                 self.say("param_request_read", self.system, AUTOPILOT, name.encode(), -1)
 
     def command(self, number: int, first: float, second: float) -> None:

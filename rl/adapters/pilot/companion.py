@@ -38,6 +38,7 @@ from taichi_sim.visualisation.recording.east_north_up import Origin, from_geodet
 ARDUPILOT = 3  # MAV_AUTOPILOT_ARDUPILOTMEGA
 STALE = 5  # decisions; older telemetry stops the vehicles
 LOST = 3.0  # s without new telemetry, after which it ends
+SLOW = 0.97  # of our clock's pace; the clock of an autopilot that is slower is not a real one; assumed
 COMES = 30.0  # s, within which the first HEARTBEAT of each autopilot and the parameters that orders need must come
 OBEYS = 3.0  # s, within which a mode that was asked for must be taken
 TELEMETRY = 4  # messages of each kind a decision, at least `SLOWEST`, at most `FASTEST` a second
@@ -336,7 +337,14 @@ class Pilot:
         worst = max(ages, key=lambda link: ages[link])
         if ages[worst] > LOST:
             silent = now - worst.heard
-            how = "its link is silent" if silent > LOST else f"though it was heard {silent:.1f} s ago"
+            how = "its link is silent"
+            if silent <= LOST:
+                how = f"though it was heard {silent:.1f} s ago: its messages tell no later time"
+                if (pace := worst.pace.value) < SLOW:
+                    how += (
+                        f", or its clock runs at {pace:.2f} of ours: a simulation slower than real time "
+                        "(docs/sitl.md, Pace), or a link that lags ever more"
+                    )
             return self.end(f"{worst.name}: no new telemetry for {ages[worst]:.1f} s, {how}", fault=True)
         if ages[worst] > self._stale:
             if self.phase == "acting":

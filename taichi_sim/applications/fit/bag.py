@@ -14,10 +14,12 @@ What a message has is not always a value:
 | pose.covariance[0] of -1 | no position |
 | frame ids that name NED or FRD, as MAVROS has them | other axes than these |
 
-The last three are refused. An orientation that never changes is found by the course (log.py).
+The last three are refused. An orientation that never changes is found by the course (log.py). A warning names parts of
+a bag that its metadata leaves out.
 """
 
 import re
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,6 +37,8 @@ NS = 1e-9
 ONE_CLOCK = 1.0  # s; assumed, delays of recording differ by less between topics whose stamps are of one clock
 UNIT = 0.01  # assumed, error of a unit quaternion's length
 FULL_TURN = 2 * np.pi  # rad; a yaw of a larger standard deviation is not known
+PARTS = {".db3", ".mcap"}  # endings of a bag's parts; compressed ones have one more
+MAGIC = b"\x89MCAP0\r\n"  # with which an .mcap file begins and ends
 OTHER_AXES = {"ned", "frd", "nwu", "esd"}  # parts of a frame's name
 
 
@@ -54,11 +58,33 @@ def read_bag(path: Path, action_names: tuple[str, ...], source: Source) -> Table
         raise LogError(f"{path}: name the folder of this bag, with its metadata.yaml")
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
+            _tell_parts(path)
             return _table(path, bag, action_names, source)
     except LogError:
         raise
     except Exception as error:  # AnyReaderError and whatever a damaged file makes its storage raise
+        cut = [file for file in _parts(path) if (held := file.read_bytes())[:8] == MAGIC and held[-8:] != MAGIC]
+        if cut:
+            raise LogError(f"{path}: {cut[0].name} has no end, its recorder was killed: `mcap recover {cut[0]} -o "
+                           "NEW.mcap` (MCAP's command line) saves what there is; name that") from None  # fmt: skip
         raise LogError(f"{path}: this is no bag of ROS 2 that can be read: {error}") from None
+
+
+def _parts(path: Path) -> list[Path]:
+    """Files of a bag that hold messages."""
+    return [path] if path.is_file() else sorted(file for file in path.iterdir() if PARTS & set(file.suffixes))
+
+
+def _tell_parts(path: Path) -> None:
+    """Warn of parts in the folder of a bag that its metadata.yaml does not name: they are not read."""
+    from ruamel.yaml import YAML  # comes with rosbags
+
+    if path.is_dir():
+        about = YAML(typ="safe").load(path / "metadata.yaml")["rosbag2_bagfile_information"]
+        named = {Path(name).name for name in about["relative_file_paths"]}
+        if left_out := [file.name for file in _parts(path) if file.name not in named]:
+            warnings.warn(f"{path}: left out: {', '.join(left_out)}, which metadata.yaml does not name: `ros2 bag "
+                          f"reindex {path}` makes one that does", stacklevel=2)  # fmt: skip
 
 
 def _table(path: Path, bag: "AnyReader", action_names: tuple[str, ...], source: Source) -> Table:

@@ -22,7 +22,7 @@ from contextlib import suppress
 from ipaddress import ip_address
 from typing import Any, Generic, TypeVar
 
-from taichi_sim.applications.sitl.craft import Counts, Servos
+from taichi_sim.applications.sitl.craft import Counts, Pace, Servos
 from taichi_sim.applications.sitl.driven import Driven, Sensors
 
 MAGIC = {18458: 16, 29569: 32}  # magic -> servo channels
@@ -97,6 +97,7 @@ class Session(Generic[D]):
         self.peer: Address | None = None  # sender of the first valid packet
         self.last: Servos | None = None
         self.answer: bytes | None = b""  # None while a frame is not over
+        self.pace = Pace()
         self._heard = self._answered = -math.inf  # s, of the clock: the peer, and the last frame
         self._unjudged = False  # whether the outputs of an autopilot that started are still to be looked at
 
@@ -105,12 +106,15 @@ class Session(Generic[D]):
         return math.inf
 
     def state(self, seconds: float) -> str:
-        """A status line: simulated time, frame counts, and the mean frame rate over the `seconds` since the start."""
+        """A status line: simulated time, its pace since the last line, frame counts, and the mean frame rate over the
+        `seconds` since the start.
+        """
         c, craft = self.counts, self.craft
         if self.last is None:
             return f"waiting for ArduPilot{c.refusals()}"
         return (
-            f"t {craft.time:.1f} s at {craft.rate} Hz, {c.frames} frames ({c.frames / seconds:.0f}/s), "
+            f"t {craft.time:.1f} s at {craft.rate} Hz{self.pace(seconds, craft.time)}, "
+            f"{c.frames} frames ({c.frames / seconds:.0f}/s), "
             f"repeated {c.repeated}, lost {c.lost}, late {c.late}, restarts {c.restarts}{c.refusals()}"
         )
 

@@ -60,6 +60,21 @@ class Counts:
         return "".join(f"; refused {n}: {why}" for why, n in goes_on.items())
 
 
+class Pace:
+    """Pace of a simulation between two status lines, as their text."""
+
+    def __init__(self):
+        """Nothing has been told."""
+        self._before: tuple[float, float] | None = None
+
+    def __call__(self, now: float, time: float) -> str:
+        """The text at `now` (s, wall clock) and simulated `time` (s); empty at first, and after a restart."""
+        before, self._before = self._before, (now, time)
+        if before is None or now <= before[0] or time < before[1]:
+            return ""
+        return f", {(time - before[1]) / (now - before[0]):.2f} of real time"
+
+
 class Craft(Driven):
     """One vehicle in a sea and a wind; its frames are the steps."""
 

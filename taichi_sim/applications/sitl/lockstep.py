@@ -77,7 +77,6 @@ class LockstepWorld(World):
 
     def step(self, actions: Mapping[str, ArrayLike | Tensor] | None = None) -> dict[str, Tensor]:
         """Advance by a decision; return the actions as taken, those of the autopilots in its last step included."""
-        self.program.check()
         taken = self.checked(actions)
         for name, script in self.scripts.items():
             if name not in taken:

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_sim.applications.sitl.craft import HELD_HEIGHT, Counts, Craft, Servos
+from taichi_sim.applications.sitl.craft import HELD_HEIGHT, Counts, Craft, Pace, Servos
 from taichi_sim.applications.sitl.driven import Sensors
 from taichi_sim.config.base import MissingExtraError
 from taichi_sim.kernels.conventions import GRAVITY
@@ -70,6 +70,7 @@ class Px4Session:
         self.seen: list[Callable[[Servos, Sensors], None]] = []  # called after each new frame
         self.last: Servos | None = None  # outputs of the last frame
         self.dialect = mavlink()
+        self.pace = Pace()
         self._send: Callable[[bytes], None] | None = None
         self._begun = False
         self._due = self._silent = 0.0  # s, of the clock
@@ -119,13 +120,16 @@ class Px4Session:
         return RESEND - (now - self._silent)
 
     def state(self, seconds: float) -> str:
-        """A status line: simulated time, frame counts, and the mean frame rate over the `seconds` since the start."""
+        """A status line: simulated time, its pace since the last line, frame counts, and the mean frame rate over the
+        `seconds` since the start.
+        """
         c, craft = self.counts, self.craft
         if not self.connected:
             return f"waiting for PX4{c.refusals()}"
         return (
-            f"t {craft.time:.1f} s, {c.frames} frames ({c.frames / seconds:.0f}/s), {c.waiting} before "
-            f"the first controls, sent again {c.resent}, late {c.late}, restarts {c.restarts}{c.refusals()}"
+            f"t {craft.time:.1f} s{self.pace(seconds, craft.time)}, "
+            f"{c.frames} frames ({c.frames / seconds:.0f}/s), {c.waiting} before the "
+            f"first controls, sent again {c.resent}, late {c.late}, restarts {c.restarts}{c.refusals()}"
         )
 
     def receive(self, data: bytes) -> None:

@@ -109,7 +109,6 @@ class Sea:
     Attributes:
         table: [sea, 8, component], rows as in conventions.py, in run precision.
         depth: m, or None for deep water.
-        program: the Taichi program in which it was made, and in which alone vehicles move in it.
     """
 
     def __init__(self, components: Components, depth: float | None = None):
@@ -122,7 +121,7 @@ class Sea:
         Raises:
             SteepSeaError: if the sum of k a coth(k depth) of any realisation is 1 or more.
         """
-        run = self.program = runtime.current()
+        run = runtime.current()
         self.depth = depth
         self.components = components
         b, steepness = components.semi_axis(depth), components.steepness(depth)
