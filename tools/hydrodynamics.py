@@ -26,12 +26,15 @@ import numpy as np
 from rl.commands.shared import positive_float
 from taichi_sim.applications.hydro import hull_input, make_database
 from taichi_sim.applications.hydro.frequency_sweep import require_capytaine
-from taichi_sim.applications.hydro.hull_input import vehicle_text
 from taichi_sim.applications.hydro.memory_fit import ENERGY, FitError
 from taichi_sim.applications.hydro.mesh_file import UNITS
+from taichi_sim.applications.hydro.offsets import is_twin
+from taichi_sim.applications.hydro.resistance import HullForm
+from taichi_sim.applications.hydro.vehicle_file import Flow, Given, Thruster, vehicle_text
+from taichi_sim.applications.hydro.wetted_surface import turned_matrix
 from taichi_sim.config import ConfigError
 from taichi_sim.config.base import MissingExtraError
-from taichi_sim.config.io import output
+from taichi_sim.config.io import output, replacing
 from taichi_sim.kernels.conventions import GRAVITY, RHO_SEA
 from taichi_sim.models.usv.hull.database import HydroDatabase, database_file, hull_hash
 
@@ -68,6 +71,24 @@ def parser() -> argparse.ArgumentParser:
     )
     mesh.add_argument("--stations", type=int, default=24, metavar="N", help="of its offsets (default: 24)")
     mesh.add_argument("--points", type=int, default=3, metavar="N", help="of each, keel to waterline (default: 3)")
+    drive = p.add_argument_group("what a mesh does not tell, for the new vehicle")
+    drive.add_argument(
+        "--thruster",
+        type=float,
+        nargs=4,
+        action="append",
+        default=[],
+        metavar=("X", "Y", "Z", "N"),
+        help="place, m, forward, starboard, down from CO, and largest thrust, N; once for each",
+    )
+    drive.add_argument("--azimuth", action="store_true", help="thrusters turn all round")
+    drive.add_argument(
+        "--windage",
+        type=positive_float,
+        nargs=3,
+        metavar=("AHEAD", "SIDE", "HEIGHT"),
+        help="areas, m^2, and the height of their centre, m",
+    )
     what = p.add_argument_group("what is computed")
     what.add_argument("--depth", type=positive_float, default=np.inf, metavar="M", help="of the water (default: deep)")
     what.add_argument("--rho", type=positive_float, default=RHO_SEA, metavar="KG/M3", help=f"default: {RHO_SEA:g}")
@@ -124,18 +145,37 @@ def _run(args: argparse.Namespace, command: str) -> None:
         freeboard = args.freeboard or float(-surface.whole[..., 2].min())
         table = args.stations, args.points, freeboard
         craft = hull_input.of_mesh(surface, file.stem, args.mass, args.cg and tuple(args.cg), args.gyration, table)
+        given = Given(tuple(Thruster(*of) for of in args.thruster), args.azimuth, args.windage and tuple(args.windage))
     wishes = make_database.Wishes(
         args.rho, GRAVITY, args.depth, args.panels, args.divisions, args.gap_damping, not args.no_lid, args.method,
         make_database.Spectrum(args.frequencies, args.range and tuple(args.range), tuple(args.also), args.heading_step),
         args.jobs, args.quiet,
     )  # fmt: skip
-    found, resonances = make_database.run(craft, surface, wishes, code, command)
+    plan = make_database.plan(craft, surface, wishes)
     out = args.out or database_file(file)
+
+    def vehicle(flow: Flow, radiation: str) -> list[str]:
+        """Write the vehicle of a mesh whole; return messages."""
+        if craft.shape is None or surface is None:
+            return []
+        form = HullForm(surface, 2 if is_twin(surface) else 1)
+        C = turned_matrix(plan.floating.C)
+        text, told = vehicle_text(craft, form, flow, C, given, args.rho, GRAVITY, radiation, command)
+        with replacing(file) as part:
+            part.write_text(text, encoding="utf-8")
+        return told
+
+    told = vehicle(plan.flow, "constant")
+    if craft.shape is not None:
+        print(f"{file}: a vehicle, whole but for the database", *told, sep="\n")
+    print(f"{len(plan.omega)} frequencies: about {plan.seconds / 60:.2g} min; then the memory, a few more")
+    found = make_database.run(plan, wishes, code, command)
     found.write(out)  # saves the long computation
-    if craft.shape is not None and surface is not None:
-        file.write_text(vehicle_text(craft, surface, found, resonances.heave, command), encoding="utf-8")
-        print(f"{file}: a vehicle of it")
     _complete(found, file, out, args)
+    flow = plan.flow._replace(omega=found.omega, added_mass=found.added_mass, damping=found.damping)
+    for line in vehicle(flow, "memory"):
+        if line not in told:
+            print(line)
     print(f"{out}: {len(found.omega)} frequencies, {len(found.heading_deg)} headings, {time.monotonic() - begun:.0f} s")
 
 

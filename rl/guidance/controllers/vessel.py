@@ -46,6 +46,7 @@ SAMPLED_SHARE = 0.5  # limit of w times the decision interval; assumed
 COURSE_SHARE = 0.3  # desired bandwidth of the course, as a share of w; assumed
 MOST_LEAD = 3.0  # assumed
 LAG_SHARE = 0.25  # limit of the poles of the position loop, as a share of s (1 + lead); assumed
+LIFT_SHARE = 0.5  # speed at which the hull's lift counts, as a share of the top speed; assumed
 SWAY_SHARE = 0.05  # sway at which its resistance is linearised, as a share of the top speed; assumed
 LEAST_SHARE = 0.1  # a shorter velocity has no direction to follow; share of the top speed; assumed
 RATE_SHARE = 0.9  # largest desired yaw rate, as a share of the top yaw rate; assumed
@@ -426,12 +427,12 @@ def hull_dynamics(model: Hull6Dof, thrusters: PropellerPair) -> VesselDynamics:
     """The hull in the plane; cross-flow drag of pure sway and of pure yaw: L and L^4 / 32 in the strip integral."""
     h, M = model.params.hydrodynamics, model.slow_mass
     section = 0.5 * h.cross_flow_density * h.cross_flow_draft * h.cross_flow_coefficient
-    L = h.cross_flow_length
+    L, u = h.cross_flow_length, LIFT_SHARE * model.top_speed
     return VesselDynamics(
         m11=float(M[0, 0]), m22=float(M[1, 1]), m33=float(M[5, 5]), surge=Resistance(h.linear[0], h.quadratic[0]),
-        sway=Resistance(h.linear[1], h.quadratic[1] + section * L),
-        yaw=Resistance(h.linear[5], h.quadratic[5] + section * L**4 / 32), thrust=2 * thrusters.thrust_max,
-        moment=_arm(thrusters) * (thrusters.thrust_max - thrusters.thrust_min),
+        sway=Resistance(h.linear[1] - h.lift.Y_uv * u, h.quadratic[1] + section * L),
+        yaw=Resistance(h.linear[5] - h.lift.N_ur * u, h.quadratic[5] + section * L**4 / 32),
+        thrust=2 * thrusters.thrust_max, moment=_arm(thrusters) * (thrusters.thrust_max - thrusters.thrust_min),
     )  # fmt: skip
 
 

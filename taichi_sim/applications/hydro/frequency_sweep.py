@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from taichi_sim.applications.hydro.potential_flow import (
     Tank,
-    added_mass_inf,
+    added_mass_limit,
     mean_drift,
     radiated_damping,
     response,
@@ -93,10 +93,13 @@ def require_capytaine() -> str:
 
 
 def loads_at(tank: Tank, floating: Floating | None, omega: float, heading_deg: Array) -> Loads:
-    """Solve one frequency; at infinity there is only an added mass. Without `floating` there is no mean drift."""
-    if not np.isfinite(omega):
+    """Solve one frequency; in the limits 0 and infinity there is only an added mass.
+
+    Without `floating` there is no mean drift.
+    """
+    if omega in (0.0, np.inf):
         none = np.empty((0, 6), dtype=complex)
-        return Loads(added_mass_inf(tank), np.zeros((6, 6)), none, none, np.empty((0, 3)))
+        return Loads(added_mass_limit(tank, omega), np.zeros((6, 6)), none, none, np.empty((0, 3)))
     found = solve(tank, omega, heading_deg)
     if tank.method == "direct":  # with sources, integrated pressures are more accurate
         found = found._replace(damping=radiated_damping(tank, found, omega))

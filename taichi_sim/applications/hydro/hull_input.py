@@ -15,7 +15,6 @@ from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder, read_toml, validate, with_tuples
 from taichi_sim.kernels.conventions import RHO_SEA
 from taichi_sim.kernels.rigid_body import rigid_body_mass
-from taichi_sim.models.usv.hull.database import SUFFIX, HydroDatabase
 from taichi_sim.models.usv.hull.hydrostatic_stability import Hydrostatics
 from taichi_sim.models.usv.hull.mesh import HullShape, Panels, StationsHull, mesh
 from taichi_sim.models.usv.hull.params import RigidBody
@@ -25,8 +24,6 @@ MODEL = "hull_6dof"
 HEAVIER = 0.05  # relative difference of mass and displaced mass that gives a warning
 LIGHTER = 20.0  # displaced mass over mass from which the input must be wrong
 TRIES = 40  # iterations towards a wanted number of panels
-VISCOUS = (0.02, 0.1, 0.0, 0.03, 0.0, 0.02)  # viscous damping over 2 x mass x resonance; assumed
-LEVEL = [0, 1, 5]  # surge, sway, yaw have no stiffness; slow motions radiate nothing
 
 
 @dataclass(frozen=True)
@@ -39,6 +36,7 @@ class FloatingHull:
     cg: tuple[float, float, float]
     M: Array  # [6, 6] about CO
     shape: StationsHull | None = None  # offsets made of a mesh, for a new vehicle file
+    assumed: tuple[str, ...] = ()  # what nobody gave
 
     @property
     def cg_z_up(self) -> Array:
@@ -113,6 +111,7 @@ def of_mesh(
 
     `table` holds the number of stations, the number of points and the freeboard (m).
     """
+    given = {"mass": mass, "cg": cg, "gyration": gyration}
     whole = surface.whole.reshape(-1, 3)
     length, beam = np.ptp(whole[:, 0]), np.ptp(whole[:, 1])
     if mass is None:
@@ -133,7 +132,8 @@ def of_mesh(
             "write a vehicle file with its [hull], and give this mesh as --mesh"
         ) from None
     M = rigid_body_mass(mass, cg, mass * np.diag(np.square(np.array(gyration))))
-    return FloatingHull(name, mesh(shape), mass, cg, np.asarray(M, dtype=float), shape)
+    return FloatingHull(name, mesh(shape), mass, cg, np.asarray(M, dtype=float), shape,
+                        tuple(key for key, value in given.items() if value is None))  # fmt: skip
 
 
 def check_floating(craft: FloatingHull, surface: WettedSurface, rho: float, g: float) -> list[str]:
@@ -187,62 +187,3 @@ def divided(panels: Panels, wanted: int) -> tuple[WettedSurface, float]:
             break
         low, high = (size, high) if len(found) > wanted else (low, size)
     return found, size
-
-
-def vehicle_text(
-    craft: FloatingHull, surface: WettedSurface, found: HydroDatabase, resonance: float, command: str
-) -> str:
-    """The TOML of a hull that was given as a mesh: offsets, rigid body, radiation from the database in the same folder.
-
-    It also has constant added mass and, in heave, roll and pitch, constant damping at `resonance` (rad/s). They are
-    used in addition, or with `radiation = "constant"`.
-    """
-    assert craft.shape is not None
-    whole = surface.whole.reshape(-1, 3)
-    length, beam, draft = np.ptp(whole[:, 0]), np.ptp(whole[:, 1]), -whole[:, 2].min()
-    freeboard = -craft.shape.points[0, -1, 2]
-    at = int(np.abs(found.omega - resonance).argmin())
-    added = np.maximum(np.diag(found.added_mass[at]), 0.0)
-    linear = np.maximum(np.diag(found.damping[at]), 0.0)
-    linear[LEVEL] = 0.0
-    viscous = np.array(VISCOUS) * 2 * (np.diag(craft.M) + added) * resonance
-    x, y, z = craft.cg
-    moved = craft.mass * np.array([y * y + z * z, x * x + z * z, x * x + y * y])  # moments of the CG's distance from CO
-    gyration = np.sqrt((np.diag(craft.M)[3:] - moved) / craft.mass)
-    rows = "\n".join(
-        f"  [{x:g}, [{', '.join(f'[{y:g}, {z:g}]' for y, z in section)}]]," for x, section in craft.shape.stations
-    )
-    return f'''# {craft.name}: made of a mesh by
-#   {command}
-# Added mass and damping below are those of its hydrodynamic database at {found.omega[at]:.3g} rad/s, with assumed
-# viscous shares; put in measured ones where you have them. To drive it, add a section [thrusters] or [actuators.NAME]
-# (docs/thrusters.md).
-model = "hull_6dof"
-length = {length:.6g}
-beam = {beam:.6g}
-height = {draft + freeboard:.6g}                # m, keel to deck
-collision_radius = {np.hypot(length, beam) / 2:.6g}  # m, half the diagonal
-restoring = "panels"
-
-[rigid_body]
-mass = {craft.mass:.9g}  # kg
-cg = {_row(craft.cg)}  # m
-gyration = {_row(gyration)}  # m
-
-[hydrodynamics]
-radiation = "memory"
-database = "{craft.name}{SUFFIX}"
-added_mass = {_row(added)}
-linear = {_row(linear + viscous)}
-
-# x, then y, z (down) from the keel to the deck edge, m
-[hull]
-shape = "stations"
-stations = [
-{rows}
-]
-'''
-
-
-def _row(values) -> str:
-    return "[" + ", ".join(f"{float(v):.6g}" if v else "0.0" for v in values).replace("e+", "e") + "]"

@@ -5,16 +5,18 @@ waves. A coarse pass gives the resonances. With added mass A(omega) known at a f
 an omega whose square is an eigenvalue of (M + A(omega))^-1 C.
 """
 
+import time
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_sim.applications.hydro.frequency_sweep import Floating, database, solve_all
+from taichi_sim.applications.hydro.frequency_sweep import Floating, Loads, database, loads_at, solve_all
 from taichi_sim.applications.hydro.hull_input import FloatingHull, check_floating, divided
 from taichi_sim.applications.hydro.offsets import compared
-from taichi_sim.applications.hydro.panelling import gap_lid, inner_lid, refined, wetted
-from taichi_sim.applications.hydro.potential_flow import Tank, solve
+from taichi_sim.applications.hydro.panelling import gap_lid, inner_lid, of_number, wetted
+from taichi_sim.applications.hydro.potential_flow import Solution, Tank, added_mass_limit, solve
+from taichi_sim.applications.hydro.vehicle_file import Flow
 from taichi_sim.applications.hydro.wetted_surface import PLANES, WettedSurface, X, turned_matrix
 from taichi_sim.config import ConfigError
 from taichi_sim.models.usv.hull.database import HydroDatabase, hull_hash
@@ -108,10 +110,24 @@ class Wishes(NamedTuple):
     quiet: bool
 
 
-def run(
-    craft: FloatingHull, mesh: WettedSurface | None, wishes: Wishes, code: str, command: str
-) -> tuple[HydroDatabase, Resonances]:
-    """Compute the database of a hull on its own panels, or on `mesh`.
+class Plan(NamedTuple):
+    """A computation that is ready to run, and what is known before it."""
+
+    craft: FloatingHull
+    surface: WettedSurface
+    mesh: WettedSurface | None
+    tank: Tank
+    floating: Floating
+    resonances: Resonances
+    omega: Array  # rad/s
+    heading: Array  # deg
+    size: float  # m, of panels
+    flow: Flow  # of a coarse pass; in the limits of slow and fast motion, of the plan's panels
+    seconds: float  # estimate of the time that the frequencies take
+
+
+def plan(craft: FloatingHull, mesh: WettedSurface | None, wishes: Wishes) -> Plan:
+    """Prepare the database of a hull on its own panels, or on `mesh`, and print what is known of it.
 
     Raises:
         ConfigError: if the hull does not float, the mesh is of another hull or too large, or --range misses a
@@ -122,7 +138,8 @@ def run(
         print(line)
     C = surface.stiffness(craft.mass, craft.cg_z_up, wishes.rho, wishes.g)
     floating = Floating(turned_matrix(craft.M), C)
-    of = _resonances(craft, floating, wishes)
+    tried, coarse = _coarse(craft, floating, wishes)
+    of = resonances(tried, np.stack([own.added_mass for own in coarse]), floating.M, floating.C)
     print(", ".join(f"{n} {w:.3g} rad/s" for n, w in zip(NAMES, of, strict=True)) + " (resonances)")
     lid = inner_lid(surface, size) if wishes.lid else np.empty((0, 4, 3))
     gap = gap_lid(surface, GAP_SIZE * size)
@@ -136,7 +153,23 @@ def run(
         f"{_per_wave(omega[-1], size, wishes.g):.1f} panels per shortest wave, "
         f"{_per_wave(ABOVE * max(of), size, wishes.g):.1f} at {ABOVE} x the highest resonance"
     )
-    *loads, endless = solve_all(tank, floating, [*omega, np.inf], heading, wishes.jobs, wishes.quiet)
+    slow, endless = (turned_matrix(added_mass_limit(tank, limit)) for limit in (0.0, np.inf))
+    begun = time.perf_counter()
+    loads_at(tank, floating, float(omega[-1]), heading)
+    each = time.perf_counter() - begun
+    flow = Flow(
+        slow, endless, tried, *(turned_matrix(np.stack([getattr(own, name) for own in coarse]))
+                                for name in ("added_mass", "damping")), dict(zip(VERTICAL, of, strict=True)),
+    )  # fmt: skip
+    seconds = each * len(omega) / wishes.jobs
+    return Plan(craft, surface, mesh, tank, floating, of, omega, heading, size, flow, seconds)
+
+
+def run(made: Plan, wishes: Wishes, code: str, command: str) -> HydroDatabase:
+    """Compute the database of a plan."""
+    tank, floating, omega, surface = made.tank, made.floating, made.omega, made.surface
+    loads = solve_all(tank, floating, omega, made.heading, wishes.jobs, wishes.quiet)
+    endless = Loads(turned_matrix(made.flow.endless), *(np.empty(0) for _ in range(4)))
     left_out = spikes(omega, np.stack([of_one.damping for of_one in loads]), wishes.spectrum.also)
     if len(left_out):
         print(
@@ -146,15 +179,15 @@ def run(
         omega, loads = np.delete(omega, left_out), [of_one for n, of_one in enumerate(loads) if n not in left_out]
     uneven = max(_asymmetry(of_one.added_mass) for of_one in loads)
     settings: dict[str, object] = {
-        "command": command, "method": wishes.method, "panels": len(surface), "alike": alike,
-        "lid_panels": len(lid), "gap_panels": len(gap),
-        "gap_damping": epsilon if len(gap) else 0.0, "panel_size": float(f"{size:.3g}"),
-        "mesh": mesh is not None, "resonances": [float(f"{w:.4g}") for w in of],
+        "command": command, "method": wishes.method, "panels": len(surface),
+        "alike": " and ".join(PLANES[a] for a in surface.planes),
+        "lid_panels": len(tank.inner_lid), "gap_panels": len(tank.gap_lid),
+        "gap_damping": tank.gap_damping if len(tank.gap_lid) else 0.0, "panel_size": float(f"{made.size:.3g}"),
+        "mesh": made.mesh is not None, "resonances": [float(f"{w:.4g}") for w in made.resonances],
         "reciprocity": float(f"{uneven:.2g}"), "drift": "far field, free hull without viscous damping",
     }  # fmt: skip
-    hull = hull_hash(craft.panels)
-    found = database(tank, floating, loads, endless, omega, heading, hull=hull, code=code, settings=settings)
-    return found, of
+    hull = hull_hash(made.craft.panels)
+    return database(tank, floating, loads, endless, omega, made.heading, hull=hull, code=code, settings=settings)
 
 
 def _surface(craft: FloatingHull, mesh: WettedSurface | None, wishes: Wishes) -> tuple[WettedSurface, float]:
@@ -165,11 +198,14 @@ def _surface(craft: FloatingHull, mesh: WettedSurface | None, wishes: Wishes) ->
         found = wetted(craft.panels, tiny, wishes.divisions)
         return found, float(np.median(found.edge))
     _check_same(craft, mesh, wishes)
-    if len(mesh) < wishes.panels / 2:
-        mesh = refined(mesh, float(np.sqrt(np.linalg.norm(mesh.area, axis=1).sum() / 2 / wishes.panels)))
-    if len(mesh) > MOST:
-        raise ConfigError(f"the mesh has {len(mesh)} panels below water; allowed are {MOST}: coarsen it, or omit it")
-    return mesh, float(np.median(mesh.edge))
+    if len(mesh) > 2 * wishes.panels:
+        own, size = divided(craft.panels, wishes.panels)
+        if craft.shape is None and len(mesh) <= MOST:
+            return mesh, float(np.median(mesh.edge))
+        print(f"the mesh has {len(mesh)} panels below water: computed on {len(own)} of the table of offsets")
+        return own, size
+    mesh = of_number(mesh, wishes.panels)
+    return mesh, float(np.sqrt(np.linalg.norm(mesh.area, axis=1).mean()))
 
 
 def _check_same(craft: FloatingHull, mesh: WettedSurface, wishes: Wishes) -> None:
@@ -200,14 +236,15 @@ def _check_same(craft: FloatingHull, mesh: WettedSurface, wishes: Wishes) -> Non
     )
 
 
-def _resonances(craft: FloatingHull, floating: Floating, wishes: Wishes) -> Resonances:
-    """Find the resonances by a coarse pass, from 0.25 of the lowest to 1.5 of the highest without added mass."""
+def _coarse(craft: FloatingHull, floating: Floating, wishes: Wishes) -> tuple[Array, list[Solution]]:
+    """A coarse pass: frequencies (rad/s) from 0.25 of the lowest resonance to 1.5 of the highest without added mass,
+    and solutions there.
+    """
     surface, size = divided(craft.panels, COARSE)
     tank = Tank(surface, inner_lid(surface, size), np.empty((0, 4, 3)), wishes.rho, wishes.g, wishes.depth, 0.0)
     w = np.sqrt(np.diag(floating.C)[VERTICAL] / np.diag(floating.M)[VERTICAL])
     tried = np.geomspace(0.25 * w.min(), 1.5 * w.max(), 8)
-    A = np.stack([solve(tank, w, np.empty(0)).added_mass for w in tried])
-    return resonances(tried, A, floating.M, floating.C)
+    return tried, [solve(tank, w, np.empty(0)) for w in tried]
 
 
 def _omega(of: Resonances, wanted: Spectrum, twin: bool, size: float, g: float) -> Array:

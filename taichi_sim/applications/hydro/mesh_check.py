@@ -101,8 +101,7 @@ def checked(mesh: Polygons, name: str, length: float | None) -> WettedSurface:
     _check_inside(surface, part, STRAY if sheet.gap > 0 else 0.0, name, size)
     if 1 not in planes:
         _check_even(surface, panels, name, size)
-        if _alike(wet, size):
-            surface = WettedSurface(_port(wet, DRY * size), (1, *planes))
+        surface = WettedSurface(_port(wet, DRY * size), (1, *planes))
     _tell(surface, name)
     return surface
 
@@ -380,7 +379,7 @@ def _outward(sheet: _Sheet, name: str) -> tuple[Array, Whole]:
 
 def _check_volumes(surface: WettedSurface, name: str) -> None:
     """Require the volumes by x, y and z to agree, as they do of a closed surface."""
-    volumes = np.sum(surface.whole.mean(axis=1) * surface.area, axis=0)
+    volumes = np.array([surface.integral(lambda p, a=a: p[..., a])[a] for a in (X, Y, Z)])
     off = float(np.ptp(volumes) / np.abs(volumes).max())
     if off > OPEN:
         raise ConfigError(
@@ -576,7 +575,7 @@ def _check_even(surface: WettedSurface, panels: Array, name: str, size: float) -
     off, middle, about = _uneven(surface)
     if off <= UNEVEN:
         if off > SAID:
-            print(f"{name}: port and starboard differ by {100 * off:.2g} % of the hull")
+            print(f"{name}: port and starboard differ by {100 * off:.2g} % of the hull: the port half counts for both")
         return
     y = surface.whole[..., Y]
     spread = f"y from {y.min():.4g} to {y.max():.4g} m"
@@ -657,7 +656,7 @@ def _cut(panels: Array, tiny: float) -> Array:
                 ring.append(p)
             if p[2] * q[2] < 0:
                 ring.append(p + (q - p) * (p[2] / (p[2] - q[2])))
-        ring = [p for i, p in enumerate(ring) if np.linalg.norm(p - ring[i - 1]) > tiny]
+        ring = [p for i, p in enumerate(ring) if (p != ring[i - 1]).any()]
         for p in ring:
             p[2] = min(p[2], 0.0)
         fans = [ring] if len(ring) in (3, 4) else [ring[:4], [ring[0], *ring[3:]]] if len(ring) == 5 else []

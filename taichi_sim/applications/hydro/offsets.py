@@ -28,7 +28,7 @@ def offsets(hull: WettedSurface, stations: int, points: int, freeboard: float) -
     triangles = _triangles(hull)
     x = triangles[..., X]
     ends = np.array([x.min(), x.max()])
-    twin = _is_twin(triangles)
+    twin = is_twin(hull)
     places = _places(triangles, ends, stations, points, twin)
     sections = np.stack([_section(triangles, at, ends, points, twin) for at in places])
     decimals = max(1, DIGITS - int(np.floor(np.log10(np.ptp(ends)))) + 1)
@@ -88,8 +88,9 @@ def _cut(triangles: Array, at: float) -> Array:
     return np.array(segments).reshape(-1, 2, 2)
 
 
-def _is_twin(triangles: Array) -> bool:
+def is_twin(hull: WettedSurface) -> bool:
     """Whether no section crosses the centreplane amidships."""
+    triangles = _triangles(hull)
     at = (triangles[..., X].min() + triangles[..., X].max()) / 2 + 1e-7
     y = _cut(triangles, at)[..., BREADTH]
     return bool(len(y)) and not ((y.min(axis=1) <= 1e-9) & (y.max(axis=1) >= -1e-9)).any()

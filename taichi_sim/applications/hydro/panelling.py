@@ -27,6 +27,7 @@ from taichi_sim.models.usv.hull.mesh import Panels
 
 Array = NDArray[np.float64]
 GRID = 1e6  # 1/m; grid on which corners of the two halves are compared
+TINY = 1e-12  # m; shorter edges are none
 LEVEL = 1e-9  # m; a corner within this height lies in the water's surface
 THIN = 1e-4  # shorter wet lines, over the panel size, are left out
 Z_UP = np.array([1.0, -1.0, -1.0])  # body frame to this one, and back
@@ -205,24 +206,37 @@ def _wet(patch: Patch, s: Array) -> tuple[Array, Array]:
 
 
 def refined(surface: WettedSurface, size: float) -> WettedSurface:
-    """Divide panels at the middles of their edges until edges are at most about `size` (m)."""
-    panels = surface.panels
-    for _ in range(12):
-        large = WettedSurface(panels).edge > size * 1.2
-        if not large.any():
-            break
-        panels = np.concatenate([panels[~large], _quartered(panels[large])])
-    return WettedSurface(panels, surface.planes)
+    """Halve panels across their longest edge until no edge is longer than `size` (m)."""
+    panels, done = surface.panels, []
+    while len(panels):
+        large = WettedSurface(panels).edge > size
+        done.append(panels[~large])
+        panels = _halved(panels[large])
+    return WettedSurface(np.concatenate(done), surface.planes)
 
 
-def _quartered(panels: Array) -> Array:
-    a, b, c, d = np.moveaxis(panels, 1, 0)
-    three = (c == d).all(axis=1)
-    ab, bc, cd, da, middle = (a + b) / 2, (b + c) / 2, (c + d) / 2, (d + a) / 2, (a + b + c + d) / 4
-    quads = [(a, ab, middle, da), (ab, b, bc, middle), (middle, bc, c, cd), (da, middle, cd, d)]
-    triangles = [(a, ab, da, da), (ab, b, bc, bc), (da, bc, c, c), (ab, bc, da, da)]
-    four = np.concatenate([np.stack(q, axis=1)[~three] for q in quads])
-    return np.concatenate([four, *(np.stack(t, axis=1)[three] for t in triangles)])
+def _halved(panels: Array) -> Array:
+    """Both halves of panels [n, 4, 3], cut from the middle of the longest edge to the opposite corner of a triangle, or
+    the middle of the opposite edge of a quadrilateral.
+    """
+    length = np.linalg.norm(np.roll(panels, -1, axis=1) - panels, axis=2)
+    order = (length.argmax(axis=1)[:, None] + np.arange(4)) % 4
+    a, b, c, d = np.moveaxis(np.take_along_axis(panels, order[..., None], axis=1), 1, 0)
+    three = (panels[:, 2] == panels[:, 3]).all(axis=1)
+    ab, cd = (a + b) / 2, (c + d) / 2
+    top = np.where(three[:, None], np.where((b == c).all(axis=1)[:, None], d, c), cd)
+    one, other = np.stack([a, ab, top, d], axis=1), np.stack([ab, b, c, top], axis=1)
+    return as_triangles(np.concatenate([one, other]), TINY)
+
+
+def of_number(surface: WettedSurface, wanted: int) -> WettedSurface:
+    """Divide a surface into about `wanted` panels, as near as halving comes; a finer one stays as it is."""
+    high = float(surface.edge.max())
+    low = 1e-3 * high
+    while high / low > 1.01:
+        size = float(np.sqrt(low * high))
+        low, high = (size, high) if len(refined(surface, size)) > wanted else (low, size)
+    return refined(surface, high)
 
 
 def inner_lid(hull: WettedSurface, size: float) -> Array:

@@ -153,15 +153,18 @@ def solve(tank: Tank, omega: float, heading_deg: Array) -> Solution:
     )
 
 
-def added_mass_inf(tank: Tank) -> Array:
-    """Added mass [6, 6] at infinite frequency, of the hull without lids."""
+def added_mass_limit(tank: Tank, omega: float) -> Array:
+    """Added mass [6, 6] in the limit of `omega` = 0 or infinity, of the hull without lids.
+
+    The surface is a rigid lid at 0 (a mirror of the hull), and without pressure at infinity.
+    """
     from capytaine import BEMSolver, RadiationProblem
 
     from taichi_sim.applications.hydro.capytaine_extensions import as_body
 
     body = as_body(tank.hull, NO_PANELS)
     solver = BEMSolver(method="direct" if tank.method == "direct" else "indirect")
-    case = {"body": body, "omega": np.inf, "water_depth": tank.depth, "rho": tank.rho, "g": tank.g}
+    case = {"body": body, "omega": omega, "water_depth": tank.depth, "rho": tank.rho, "g": tank.g}
     found = [solver.solve(RadiationProblem(radiating_dof=dof, **case), _check_wavelength=False) for dof in body.dofs]
     pressure = np.stack([of.pressure / of.omega / of.omega for of in found], axis=1)  # for unit acceleration
     weights = generalised_normals(body.mesh.faces_centers, tank.hull.area)

@@ -53,13 +53,13 @@ class WettedSurface:
     @cached_property
     def volume(self) -> float:
         """Displaced volume, m^3."""
-        return float(self._integral(lambda x: x[..., Z])[2])
+        return float(self.integral(lambda x: x[..., Z])[2])
 
     @cached_property
     def centre_of_buoyancy(self) -> Array:
         """Centroid of the displaced volume [3], m."""
-        x, y = (-self._integral(lambda p, a=a: p[..., a] * p[..., Z])[2] for a in (X, Y))
-        z = self._integral(lambda p: p[..., Z] ** 2 / 2)[2]
+        x, y = (-self.integral(lambda p, a=a: p[..., a] * p[..., Z])[2] for a in (X, Y))
+        z = self.integral(lambda p: p[..., Z] ** 2 / 2)[2]
         return np.array([-x, -y, z]) / self.volume
 
     @cached_property
@@ -69,7 +69,7 @@ class WettedSurface:
             "A": lambda p: np.ones(p.shape[:-1]), "x": lambda p: p[..., X], "y": lambda p: p[..., Y],
             "xx": lambda p: p[..., X] ** 2, "yy": lambda p: p[..., Y] ** 2, "xy": lambda p: p[..., X] * p[..., Y],
         }  # fmt: skip
-        return {name: float(-self._integral(f)[2]) for name, f in of.items()}
+        return {name: float(-self.integral(f)[2]) for name, f in of.items()}
 
     def stiffness(self, mass: float, cg: Array, rho: float, g: float) -> Array:
         """Stiffness C [6, 6] about CO (N/m, N, N m) of the water and of `mass` (kg) at `cg` (m) (Fossen 2011, sec.
@@ -92,7 +92,7 @@ class WettedSurface:
         C[np.abs(C) < 1e-9 * np.abs(C).max()] = 0.0
         return C
 
-    def _integral(self, f) -> Array:
+    def integral(self, f) -> Array:
         """Integral [3] of f n dS over all panels; exact for quadratic f on flat panels."""
         a, b, c, d = np.moveaxis(self.whole, 1, 0)
         total = np.zeros(3)

@@ -22,7 +22,8 @@ The cross-flow drag is an integral over strips of width dx at x along the hull,
 
     Y = -1/2 rho T C_d sum |v + x r| (v + x r) dx,   N = -1/2 rho T C_d sum x |v + x r| (v + x r) dx,
 
-with Hoerner's (1965) section coefficient C_d (Faltinsen 1990; Fossen 2021, eqs. 6.91-6.92).
+with Hoerner's (1965) section coefficient C_d (Faltinsen 1990; Fossen 2021, eqs. 6.91-6.92). Lift is linear
+in v and r (params.Lift).
 
 Hulls on panels use a splitting method. A step drifts by half its time, evaluates waves and pressure once, changes the
 velocity by the midpoint rule, and drifts by half again. The velocity in the middle is predicted with nu_dot of the last
@@ -53,7 +54,7 @@ from taichi_sim.kernels.rotation import (
 )
 from taichi_sim.kernels.runtime import array2, array3
 from taichi_sim.models.usv.hull import mmg_drive, water
-from taichi_sim.models.usv.hull.params import diagonal, symmetric, vector
+from taichi_sim.models.usv.hull.params import added_mass, symmetric, vector
 from taichi_sim.models.usv.hull.radiation_memory import Modes
 from taichi_sim.models.usv.vessel_base import wind_forces
 from taichi_sim.vehicle import edge
@@ -109,7 +110,7 @@ def linear_load(source: ti.template(), p: ti.template(), z, R, sums):
 
 @ti.func
 def damping_load(h: ti.template(), p: ti.template(), nu_r, nu_m):
-    """Total of damping and cross-flow drag at velocities relative to the water (nu_r) and to the current (nu_m).
+    """Total of damping, cross-flow drag and lift at velocities relative to the water (nu_r) and to the current (nu_m).
 
     `h` is the Hydrodynamics section, `p` the kernel's numbers.
     """
@@ -119,6 +120,10 @@ def damping_load(h: ti.template(), p: ti.template(), nu_r, nu_m):
         YN = cross_flow(h, nu_r[1], nu_r[5])
         tau[1] += YN[0]
         tau[5] += YN[1]
+    if ti.static(h.lift.Y_uv < 0):
+        u, v, r = nu_r[0], nu_r[1], nu_r[5]
+        tau[1] += h.lift.Y_uv * ti.abs(u) * v + h.lift.Y_ur * u * r
+        tau[5] += h.lift.N_uv * u * v + h.lift.N_ur * ti.abs(u) * r
     return tau
 
 
@@ -195,7 +200,9 @@ def acceleration(hull: ti.template(), p: ti.template(), nu, R, tau, controls, V_
     """nu_dot under tau (N, N m), which holds all loads that do not depend on the velocity relative to the water; those
     of propellers and rudders that do follow from `controls`.
     """
-    M_rb, M_a, M_inverse = ti.static(symmetric(p, "M_rb"), diagonal(p, "added"), symmetric(p, "inverse"))
+    M_rb, M_a, M_inverse = ti.static(
+        symmetric(p, "M_rb"), added_mass(p, hull.params.hydrodynamics), symmetric(p, "inverse")
+    )
     nu_c, nu_c_dot, nu_o, nu_o_dot = water.flow(hull.params.current_frame, R, angular(nu), V_c, sums)
     nu_r = nu - nu_c - nu_o
     load = tau + damping_load(hull.params.hydrodynamics, p, nu_r, nu - nu_c)

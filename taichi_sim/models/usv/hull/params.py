@@ -21,7 +21,14 @@ from taichi_sim.kernels.conventions import GRAVITY, RHO_SEA
 from taichi_sim.kernels.rigid_body import changed_mass, rigid_body_mass
 from taichi_sim.models.contact.deck_and_legs import Deck
 from taichi_sim.models.usv.hull.mesh import HullShape
-from taichi_sim.models.usv.hull.thrusters import MOST_THRUSTERS, NamedThruster, PropellerPair, Thruster, Vector3
+from taichi_sim.models.usv.hull.thrusters import (
+    MOST_THRUSTERS,
+    NamedThruster,
+    NonPositive,
+    PropellerPair,
+    Thruster,
+    Vector3,
+)
 from taichi_sim.models.usv.mmg import DERIVATIVES, OF_PARTS, part_numbers, polynomial_numbers
 from taichi_sim.models.usv.mmg_params import MmgSection
 from taichi_sim.models.usv.vessel_base import RHO_AIR, Number, WaterDensity, Windage, check_top_speed, steady_speed
@@ -34,6 +41,7 @@ Name = Annotated[str, Field(pattern="^[a-z][a-z0-9_]*$")]
 OFF_MASS = 5e-3  # tolerated rounding of a published M_rb, over mass, or mass times |cg|; assumed
 REACH = 1.0  # m, least |cg| there
 ASYMMETRY = 1e-6  # tolerated asymmetry of a published M_rb over its largest entry, from its rounding
+COUPLED = ((0, 4), (1, 3), (1, 5), (2, 4), (3, 5))  # entries of AddedCoupling
 OVERHANG = 1.1  # limit of a thruster's position over that of the hull's side, for outboard engines; assumed
 
 
@@ -72,6 +80,39 @@ class RigidBody(Strict):
         return rigid_body_mass(self.mass, self.cg, self.mass * np.diag(np.square(np.array(self.gyration))))
 
 
+class AddedCoupling(Strict):
+    """Entries of M_a beside its diagonal, about CO: those that a hull with port and starboard alike has."""
+
+    surge_pitch: Finite = 0.0  # -X_qdot, kg m
+    sway_roll: Finite = 0.0  # -Y_pdot, kg m
+    sway_yaw: Finite = 0.0  # -Y_rdot, kg m
+    heave_pitch: Finite = 0.0  # -Z_qdot, kg m
+    roll_yaw: Finite = 0.0  # -K_rdot, kg m^2
+
+    @property
+    def entries(self) -> dict[tuple[int, int], float]:
+        """Entries of the upper triangle by row and column."""
+        return dict(zip(COUPLED, (value for _, value in self), strict=True))
+
+
+class Lift(Strict):
+    """Lift of a hull at speed u, beyond Coriolis and Munk loads of its added mass:
+
+        Y = Y_uv |u| v + Y_ur u r,   N = N_uv u v + N_ur |u| r.
+    """
+
+    Y_uv: NonPositive = 0.0  # kg/m; 0: no lift
+    Y_ur: Finite = 0.0  # kg
+    N_uv: Finite = 0.0  # kg
+    N_ur: NonPositive = 0.0  # kg m
+
+    @model_validator(mode="after")
+    def _takes_energy(self):
+        if 4 * self.Y_uv * self.N_ur < (self.Y_ur + self.N_uv) ** 2:
+            raise ValueError("gives energy to the hull: (Y_ur + N_uv)^2 must be at most 4 Y_uv N_ur")
+        return self
+
+
 class Hydrodynamics(Strict):
     """Added mass and damping about CO, for the motion relative to the water.
 
@@ -79,11 +120,12 @@ class Hydrodynamics(Strict):
     diffraction. With `radiation = "memory"`, both come from a boundary-element `database` (radiation.py), and this
     section adds the rest:
 
-    - `added_mass` is for Coriolis and Munk loads only.
+    - `added_mass` and `added_coupling` are for Coriolis and Munk loads only, so they are those of slow motion.
     - `linear` counts in full in surge, sway and yaw, where slow motion radiates nothing. In heave, roll and pitch it
       counts as far as it exceeds the radiation at the natural frequency, because a published linear damping includes
       that.
     - `quadratic` and cross-flow count in full.
+    - `lift` counts in full.
     - `damping_relative_to` says which velocity `linear` and `quadratic` take: that relative to the water, with the
       waves' orbital motion, or that relative to the current alone (over ground where there is none). Codes that compute
       RAOs add damping to the hull's own motion: "current". Cross-flow drag always takes the water's.
@@ -95,6 +137,7 @@ class Hydrodynamics(Strict):
     database: str | None = None  # NAME.hydro.json, in the folder of the vehicle file (tools/hydrodynamics.py)
     drift: bool = False  # mean and slowly varying wave drift of the database, by Newman's approximation
     added_mass: Diagonal  # -X_udot, -Y_vdot, -Z_wdot (kg), -K_pdot, -M_qdot, -N_rdot (kg m^2)
+    added_coupling: AddedCoupling = AddedCoupling()
     linear: Diagonal  # -X_u ... (N s/m, N m s)
     quadratic: Diagonal = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # -X_uu ... (N s^2/m^2, N m s^2), factors of |nu| nu
     damping_relative_to: Literal["water", "current"] = "water"
@@ -103,6 +146,13 @@ class Hydrodynamics(Strict):
     cross_flow_coefficient: NonNegative = 0.0  # 2-D drag coefficient of a section (Hoerner 1965)
     cross_flow_strips: Annotated[int, Field(ge=2, le=101)] = 21  # including both ends; width = length / (strips - 1)
     cross_flow_density: WaterDensity = RHO_SEA  # kg/m^3
+    lift: Lift = Lift()
+
+    @model_validator(mode="after")
+    def _is_inertia(self):
+        if np.linalg.eigvalsh(self.M_a)[0] < -ASYMMETRY * np.abs(self.M_a).max():
+            raise ValueError("added_coupling is too large for added_mass: together they are not positive definite")
+        return self
 
     @model_validator(mode="after")
     def _has_database(self):
@@ -115,6 +165,14 @@ class Hydrodynamics(Strict):
                 'damping_relative_to = "current" needs radiation = "memory": constant damping is also diffraction'
             )
         return self
+
+    @property
+    def M_a(self) -> np.ndarray:  # noqa: N802
+        """Added-mass matrix about CO, [6, 6]."""
+        M = np.diag(self.added_mass)
+        for (i, j), value in self.added_coupling.entries.items():
+            M[i, j] = M[j, i] = value
+        return M
 
 
 class LinearRestoring(Strict):
@@ -244,7 +302,7 @@ class Hull6DofParams(VehicleParams):
     @property
     def M_a(self) -> np.ndarray:  # noqa: N802
         """Added-mass matrix about CO, [6, 6]."""
-        return np.diag(self.hydrodynamics.added_mass)
+        return self.hydrodynamics.M_a
 
     @property
     def weight(self) -> float:
@@ -392,9 +450,10 @@ def vector(p: object, name: str, size: int) -> tuple[Number, ...]:
     return tuple(getattr(p, f"{name}_{i}") for i in range(size))
 
 
-def diagonal(p: object, name: str) -> tuple[tuple[Number, ...], ...]:
-    """Rows of the 6 x 6 matrix with the diagonal `name`_i."""
-    return tuple(tuple(x if i == j else 0.0 for j in range(6)) for i, x in enumerate(vector(p, name, 6)))
+def added_mass(p: object, h: Hydrodynamics) -> tuple[tuple[Number, ...], ...]:
+    """Rows of M_a: its diagonal is of each vehicle, the rest of the file."""
+    beside = h.M_a.tolist()
+    return tuple(tuple(x if i == j else beside[i][j] for j in range(6)) for i, x in enumerate(vector(p, "added", 6)))
 
 
 def symmetric(p: object, name: str) -> tuple[tuple[Number, ...], ...]:

@@ -394,9 +394,9 @@ class Radiation:
 class ConstantRadiation(Radiation):
     """Added mass and damping that are the same at every frequency."""
 
-    def __init__(self, added_mass: Sequence[float]):
-        """Take a diagonal added mass [6]."""
-        self.inertia = np.diag(added_mass)
+    def __init__(self, added_mass: Array):
+        """Take an added mass [6, 6]."""
+        self.inertia = added_mass
 
     def inertia_change(self, change: Sequence[Number]) -> Sequence[Number]:
         """Return the whole change."""
@@ -509,7 +509,7 @@ def radiation_of(params: Hull6DofParams, geometry: HullGeometry, dt: float, subs
     """
     if params.restoring == "panels" and params.hydrodynamics.radiation == "memory":
         return DatabaseRadiation(params, geometry, dt, substeps, first)
-    return ConstantRadiation(params.hydrodynamics.added_mass)
+    return ConstantRadiation(params.M_a)
 
 
 def counted_damping(database: HydroDatabase, memory: Memory, M_rb: Array, stiffness: Array) -> Array:

@@ -180,7 +180,8 @@ class ThrusterSet:
         """Return the actions of a helmsman (`Vessel.steer`); None without thrusters, or if they are commanded one by
         one.
 
-        "surge_yaw" and "wrench" take shares of the largest force and moment. "left_right" takes the shares ahead + helm
+        "surge_yaw" and "wrench" take shares of the largest force and moment; azimuth thrusters all ahead or all behind
+        push aside to turn. "left_right" takes the shares ahead + helm
         and ahead - helm of the two propellers' shaft speeds, clipped to their range.
         """
         ahead, helm = np.broadcast_arrays(np.asarray(ahead, dtype=np.float64), helm)
@@ -189,8 +190,17 @@ class ThrusterSet:
         if self.actions == "surge_yaw":
             return np.stack((2.0 * ahead - 1.0, helm), axis=-1)
         if self.actions == "wrench":
-            return np.stack((ahead, np.zeros_like(ahead), helm), axis=-1)
+            return np.stack((ahead, self.aside * helm, helm), axis=-1)
         return np.clip(np.stack((ahead + helm, ahead - helm), axis=-1), -1.0, 1.0)
+
+    @property
+    def aside(self) -> float:
+        """Share of the largest sway force with which azimuth thrusters at one end turn the hull by full helm."""
+        x = np.array([thruster.position[0] for thruster in self.thrusters])
+        if self.allocation is None or not all(t.azimuth for t in self.thrusters) or x.min() * x.max() <= 0:
+            return 0.0
+        push = self.allocation.largest[2] / x.mean() / max(self.allocation.largest[1], NONE)
+        return float(np.clip(push, -1.0, 1.0))
 
     def __len__(self) -> int:
         """Number of thrusters."""

@@ -1,0 +1,295 @@
+"""Vehicle file of a hull that was given as a mesh: added mass, resistance, damping, thrusters, windage, offsets.
+
+Every number has a line with its source. What nobody gave is assumed, and the line says so and how much it matters.
+
+- Added mass: surge, sway, roll and yaw in the limit omega -> 0, because manoeuvres are slow; heave and pitch at their
+  resonances, where they oscillate. Near a resonance of water between two hulls the latter may be negative or many times
+  as large; then they are those of infinite frequency.
+- Surge resistance: resistance.py, as a u + b u^2 up to the top speed.
+- Cross-flow drag: Hoerner (1965) along each hull. Lift: the linear derivatives of Clarke, Gedling and Hine (1983, The
+  application of manoeuvring criteria in hull design using linear theory, Trans. RINA 125) for each hull, less what
+  Coriolis and Munk loads of the added mass already hold. They are of ships with a stern as deep as the hull; lift goes
+  with the square of the draught where the flow leaves (slender bodies: Newman 1977, Marine Hydrodynamics, sec. 7.8).
+- Heave, roll, pitch: radiation at the resonance; in roll a share of the critical damping for viscosity.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_sim.applications.hydro.hull_input import FloatingHull
+from taichi_sim.applications.hydro.resistance import FASTEST, HullForm, Resistance, cross_flow_coefficient
+from taichi_sim.config import ConfigError
+from taichi_sim.models.usv.hull.database import SUFFIX
+from taichi_sim.models.usv.hull.params import COUPLED, AddedCoupling
+
+Array = NDArray[np.float64]
+OSCILLATING = [2, 4]  # modes whose added mass is that at their resonance; of others, that of omega -> 0
+NEAR_INF = (0.5, 2.0)  # allowed A(resonance) / A(infinity) of these; assumed
+SYMMETRIC = 0.1  # allowed asymmetry of a computed added mass, from coarse panels; assumed
+STRIPS = (0.5, 2.2)  # allowed sway added mass over rho pi T^2 / 2 of each section (half ellipses); assumed
+ROLL = 0.04  # viscous share of critical roll damping; assumed: slender hulls without bilge keels have 0.02 to 0.07
+PLAUSIBLE_FROUDE = 0.4  # Froude number of the top speed of a boat whose thrusters are not given; assumed
+ASTERN = 0.6  # thrust astern over thrust ahead; assumed
+LAG = 0.2  # s, of thrusters; assumed
+TURN_RATE = 90.0  # deg/s, of azimuth thrusters; assumed
+OUTBOARD = 0.45  # distance of assumed propellers behind CO, over the length
+
+
+class Thruster(NamedTuple):
+    """A thruster as the user gives it."""
+
+    x: float  # m ahead of CO
+    y: float  # m to starboard
+    z: float  # m down
+    thrust: float  # N, largest ahead
+
+
+class Given(NamedTuple):
+    """What a mesh does not tell."""
+
+    thrusters: tuple[Thruster, ...] = ()
+    azimuth: bool = False
+    windage: tuple[float, float, float] | None = None  # m^2 ahead, m^2 to the side, m: centre above the water
+
+
+class Flow(NamedTuple):
+    """Results of potential theory about CO in the vehicle's frame."""
+
+    slow: Array  # [6, 6] added mass, omega -> 0
+    endless: Array  # [6, 6] added mass, omega -> infinity
+    omega: Array  # [n] rad/s
+    added_mass: Array  # [n, 6, 6]
+    damping: Array  # [n, 6, 6]
+    resonances: dict[int, float]  # rad/s, by mode
+
+    def at(self, table: Array, i: int, j: int) -> float:
+        """Entry of A or B [n, 6, 6] at the resonance of the mode j, or of heave if it has none."""
+        return float(np.interp(self.resonances.get(j, self.resonances[2]), self.omega, table[:, i, j]))
+
+
+def added_mass(flow: Flow, form: HullForm, rho: float, name: str) -> tuple[Array, list[str]]:
+    """Added mass [6, 6] for manoeuvring, and messages.
+
+    Raises:
+        ConfigError: if it is not symmetric or not positive definite.
+    """
+    A, told = flow.slow.copy(), []
+    d = np.sqrt(np.abs(np.diag(A)))
+    off = float((np.abs(A - A.T) / np.outer(d, d)).max())
+    fast = np.array([[flow.at(flow.added_mass, i, j) for j in range(6)] for i in range(6)])
+    near = np.diag(fast)[OSCILLATING] / np.diag(flow.endless)[OSCILLATING]
+    if (near < NEAR_INF[0]).any() or (near > NEAR_INF[1]).any():
+        told.append(
+            f"added mass of heave and pitch at their resonances is {near[0]:.2g} and {near[1]:.2g} times that of "
+            "infinite frequency (water between hulls resonates near, or panels are coarse): the latter is taken"
+        )
+        fast = flow.endless
+    A[OSCILLATING] = fast[OSCILLATING]
+    A[:, OSCILLATING] = fast[:, OSCILLATING]
+    kept = np.eye(6, dtype=bool)
+    for i, j in COUPLED:
+        kept[i, j] = kept[j, i] = True
+    A = np.where(kept, (A + A.T) / 2, 0.0)
+    if off > SYMMETRIC or np.linalg.eigvalsh(A)[0] <= 0:
+        cause = "is not symmetric" if off > SYMMETRIC else "is not positive definite"
+        raise ConfigError(f"{name}: its added mass {cause}: the panels are too coarse or too uneven; raise --panels")
+    strips = form.hulls * rho * np.pi / 2 * form.lateral**2 / form.length
+    ratio = A[1, 1] / strips
+    if not STRIPS[0] <= ratio <= STRIPS[1]:
+        told.append(
+            f"warning: sway added mass is {A[1, 1]:.4g} kg, {ratio:.2g} times that of strips (rho pi T^2 / 2 per m: "
+            f"{strips:.4g} kg; {STRIPS[0]:g} to {STRIPS[1]:g} are usual): check --unit, --waterline, or raise --panels"
+        )
+    return A, told
+
+
+def lift(form: HullForm, A: Array, rho: float) -> dict[str, float]:
+    """Lift (params.Lift) of all hulls: derivatives of Clarke et al. (1983) less those of the ideal fluid.
+
+    Derivatives are over 1/2 rho L^2 (Y_v), L^3 (Y_r, N_v), L^4 (N_r) and u. N_uv, the least certain, is limited so that
+    they take energy.
+    """
+    L, B, T = form.length, form.beam, form.draught
+    C_B, scale = form.volume / (L * B * T), -form.hulls * rho / 2 * np.pi * T**2
+    Y_uv = scale * (1 + 0.40 * C_B * B / T)
+    Y_ur = scale * L * (-0.5 + 2.2 * B / L - 0.080 * B / T) + A[0, 0]
+    N_uv = scale * L * (0.5 + 2.4 * T / L) + A[1, 1] - A[0, 0]
+    N_ur = scale * L**2 * (0.25 + 0.039 * B / T - 0.56 * B / L)
+    most = 0.999 * 2 * np.sqrt(Y_uv * N_ur)
+    N_uv = float(np.clip(N_uv, -most - Y_ur, most - Y_ur))
+    stern = (form.stern_draught / T) ** 2
+    return {"Y_uv": stern * Y_uv, "Y_ur": stern * Y_ur, "N_uv": stern * N_uv, "N_ur": stern * N_ur}
+
+
+def vehicle_text(
+    craft: FloatingHull, form: HullForm, flow: Flow, stiffness: Array, given: Given, rho: float, g: float,
+    radiation: str, command: str,
+) -> tuple[str, list[str]]:  # fmt: skip
+    """The TOML of a whole vehicle, and messages; `radiation` is "memory", or "constant" without a database.
+
+    `stiffness` [6, 6] is about CO, at the design waterline.
+    """
+    assert craft.shape is not None
+    A, told = added_mass(flow, form, rho, craft.name)
+    whole = form.surface.whole.reshape(-1, 3)
+    length, beam, draught = np.ptp(whole[:, 0]), np.ptp(whole[:, 1]), -whole[:, 2].min()
+    freeboard = -float(craft.shape.points[0, -1, 2])
+    resistance = Resistance(form, rho, g)
+    thrusters, actions, top = _thrusters(craft, form, resistance, given, told)
+    a, b, error = resistance.fitted(top)
+    parts = {name: f"{value:.3g}" for name, value in resistance.parts(top).items()}
+    waves = "Holtrop and Mennen (1982; 1984)" if resistance.by_regression else "Michell's thin-ship theory (1898)"
+    off = ", ".join(form.outside)
+    outside = f"; outside its range\n# ({off}), so assumed: some 10 % of this part" if off else ""
+    critical = 2 * np.sqrt(max(stiffness[3, 3], 0.0) * (craft.M[3, 3] + A[3, 3]))
+    linear = np.array([a, 0.0, *(max(flow.at(flow.damping, mode, mode), 0.0) for mode in (2, 3, 4)), 0.0])
+    linear[3] += ROLL * critical
+    mean_draught = form.lateral / form.length
+    C_d = cross_flow_coefficient(form.beam / (2 * form.draught))
+    frontal, lateral, height = given.windage or (beam * freeboard, length * freeboard, freeboard / 2)
+    areas = "as given" if given.windage else (
+        "assumed: the sides above water alone; loads go with the areas, so give --windage"
+    )  # fmt: skip
+    x, y, z = craft.cg
+    moved = craft.mass * np.array([y * y + z * z, x * x + z * z, x * x + y * y])  # moments of the CG's distance from CO
+    gyration = np.sqrt((np.diag(craft.M)[3:] - moved) / craft.mass)
+    gyration_note = "; assumed: periods of roll and pitch go with it" if "gyration" in craft.assumed else ""
+    rows = "\n".join(
+        f"  [{x:g}, [{', '.join(f'[{y:g}, {z:g}]' for y, z in section)}]]," for x, section in craft.shape.stations
+    )
+    coupling = ", ".join(
+        f"{name} = {A[i, j]:.5g}" for name, (i, j) in zip(AddedCoupling.model_fields, COUPLED, strict=True)
+    )
+    lifts = ", ".join(f"{name} = {value:.5g}" for name, value in lift(form, A, rho).items())
+    memory = f'radiation = "memory"          # and diffraction, of the database\ndatabase = "{craft.name}{SUFFIX}"'
+    constant = 'radiation = "constant"        # UNFINISHED: coarse panels, no database yet; run the command below again'
+    text = f'''# {craft.name}: made of a mesh by
+#   {command}
+# What is assumed says so, with what it matters; put in measured numbers where you have them (docs/fit.md: from a log).
+model = "hull_6dof"
+length = {length:.6g}  # m, below water
+beam = {beam:.6g}  # m, below water
+height = {draught + freeboard:.6g}  # m, keel to deck
+collision_radius = {np.hypot(length, beam) / 2:.6g}  # m, half the diagonal
+restoring = "panels"
+actions = "{actions}"
+
+[rigid_body]
+mass = {craft.mass:.9g}  # kg
+cg = {_row(craft.cg)}  # m
+gyration = {_row(gyration)}  # m{gyration_note}
+
+[hydrodynamics]
+{memory if radiation == "memory" else constant}
+# For Coriolis and Munk loads. Potential theory: surge, sway, roll, yaw and coupling in the limit of slow motion, heave
+# and pitch at their resonances ({flow.resonances[2]:.3g} and {flow.resonances[4]:.3g} rad/s)
+added_mass = {_row(np.diag(A))}  # kg, kg m^2
+added_coupling = {{ {coupling} }}  # kg m, kg m^2
+# Surge at {top:.3g} m/s, fitted below it within {100 * error:.2g} % of that (top speed goes with its square root):
+# {parts["friction"]} N of friction: ITTC (1957), with 1 + k = {form.form_factor:.3g} of Holtrop (1984){outside}
+# {parts["waves"]} N of waves: {waves}
+# {parts["transom"]} N of the transom: Holtrop (1984); appendages and fouling: 0, assumed (some per cent)
+# Heave, roll, pitch: radiation at the resonance, and in roll {100 * ROLL:g} % of critical damping: assumed, it
+# sets the height of the roll resonance alone. Sway and yaw: cross-flow drag and lift.
+linear = {_row(linear)}  # N s/m, N m s
+quadratic = [{b:.6g}, 0.0, 0.0, 0.0, 0.0, 0.0]  # N s^2/m^2
+# Hoerner (1965) at B / 2T = {form.beam / (2 * form.draught):.3g} of {_count(form)}, over the mean draught{_shade(form)}
+cross_flow_length = {form.length:.6g}  # m
+cross_flow_draft = {form.hulls * mean_draught:.6g}  # m
+cross_flow_coefficient = {C_d:.6g}
+# Clarke, Gedling and Hine (1983), of {_count(form)}, less Munk and Coriolis loads, times the square of stern draught
+# {form.stern_draught:.3g} m over draught (slender bodies: Newman 1977){_clarke(form)}
+lift = {{ {lifts} }}  # kg/m, kg, kg, kg m
+
+{thrusters}
+[windage]  # coefficients: Fossen (2021), sec. 10.1; areas {areas}
+frontal_area = {frontal:.4g}  # m^2
+lateral_area = {lateral:.4g}  # m^2
+height = {height:.4g}  # m
+
+# x, then y, z (down) from the keel to the deck edge, m
+[hull]
+shape = "stations"
+stations = [
+{rows}
+]
+'''
+    return text, told
+
+
+def _count(form: HullForm) -> str:
+    return "one hull" if form.hulls == 1 else "each of two hulls"
+
+
+def _shade(form: HullForm) -> str:
+    if form.hulls == 1:
+        return ""
+    return ";\n# the lee of one hull is left out: assumed, half the drag at worst, where the boat drifts broadside"
+
+
+def _clarke(form: HullForm) -> str:
+    ratio = form.beam / form.draught
+    if form.hulls == 1 and 2.0 <= ratio <= 5.0:
+        return ""
+    return (
+        f";\n# ships' regression, here for B / T = {ratio:.3g}: assumed, and it decides on course stability: turning "
+        "circle and overshoot\n# change by some 10 % per 10 % of it"
+    )
+
+
+def _thrusters(
+    craft: FloatingHull, form: HullForm, resistance: Resistance, given: Given, told: list[str]
+) -> tuple[str, str, float]:
+    """Sections of the thrusters, their actions, and the top speed (m/s)."""
+    units, note = given.thrusters, ""
+    if not units:
+        u = PLAUSIBLE_FROUDE * float(np.sqrt(resistance.g * form.length))
+        each = float(f"{resistance.total(u) / 2:.3g}")
+        y = form.apart or form.beam / 4
+        units = tuple(Thruster(-OUTBOARD * form.length, side * y, form.draught / 2, each) for side in (-1, 1))
+        note = (
+            f"# Nobody gave thrusters (--thruster X Y Z N): assumed are two propellers that make {u:.3g} m/s. Top\n"
+            "# speed goes with the square root of their thrust, turning with thrust times distance from y = 0\n"
+        )
+        told.append(
+            f"{craft.name}: no --thruster: assumed are two propellers of {each:g} N at y = {-y:.3g} and {y:.3g} m, for "
+            f"{u:.3g} m/s; top speed goes with the square root of their thrust, the yaw moment with thrust times y"
+        )
+    thrust = sum(unit.thrust for unit in units)
+    top = resistance.speed(thrust)
+    if top >= FASTEST * np.sqrt(resistance.g * form.length) * (1 - 1e-9):
+        told.append(
+            f"warning: {thrust:g} N are more than the resistance at a Froude number of {FASTEST:g}, where hulls plane: "
+            "check the thrust (N)"
+        )
+    other = units[0]._replace(y=-units[0].y)
+    if len(units) == 2 and not given.azimuth and other == units[1] and other.y != 0:
+        left, right = sorted(units, key=lambda unit: unit.y)
+        text = f'''{note}[thrusters]
+left = {_row(left[:3])}  # m
+right = {_row(right[:3])}  # m
+k_positive = {left.thrust:.6g}  # N, at full speed: speeds are shares of it
+k_negative = {ASTERN * left.thrust:.6g}  # N; assumed {ASTERN:g} of that ahead: for stopping and turns at rest
+n_max = 1.0
+n_min = -1.0
+lag = {LAG:g}  # s; assumed: it matters for control faster than some 1 / lag
+'''
+        return text, "surge_yaw", top
+    sections = []
+    for k, unit in enumerate(units, 1):
+        turn = (
+            f"turn_rate_deg = {TURN_RATE:g}  # deg/s; assumed: half a turn in {180 / TURN_RATE:g} s\n"
+            if given.azimuth else ""
+        )  # fmt: skip
+        sections.append(
+            f"[actuators.unit_{k}]\nposition = {_row(unit[:3])}  # m\nthrust_max = {unit.thrust:.6g}  # N\n"
+            f"thrust_min = {-ASTERN * unit.thrust:.6g}  # N; assumed {ASTERN:g} of that ahead\n"
+            f"lag = {LAG:g}  # s; assumed: it matters for control faster than some 1 / lag\n{turn}"
+        )
+    return note + "\n".join(sections), "wrench" if given.azimuth else "units", top
+
+
+def _row(values) -> str:
+    return "[" + ", ".join(f"{float(v):.6g}" if v else "0.0" for v in values).replace("e+", "e") + "]"
