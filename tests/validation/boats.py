@@ -22,15 +22,19 @@ from scipy.optimize import brentq
 
 from taichi_sim.applications.hydro.hull_input import of_vehicle
 from taichi_sim.applications.trials import ship
-from taichi_sim.applications.trials.basin import Setting, vessel_of
+from taichi_sim.applications.trials.basin import Basin, Setting
 from taichi_sim.applications.trials.results import Outcome
 from taichi_sim.config.io import config_folder
+from taichi_sim.models.catalogue import load_vehicle
+from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.models.usv.hull.mesh import Panels, StationsHull, mesh
 
 Array = NDArray[np.float64]
 AIM = 0.25  # of each figure
 FLIPPED = np.array([1.0, -1.0, -1.0])  # from b to the frame of meshes: y to port, z up
 HELM, HEADING = 20.0, 20.0  # deg, of the zigzag
+PANELS = "400"  # of half a hull: no waves are computed
+POINTS = "6"  # of the offsets' sections
 
 # CyberShip II (Skjetne, Smogeli and Fossen 2004) [S]; the supply vessel of MSS (Fossen; ShipX data) has lines of its kind
 LENGTH, BEAM, MASS, X_G = 1.255, 0.29, 23.8, 0.046  # m, m, kg, m: [S]
@@ -39,10 +43,10 @@ FRESH = 1000.0  # kg/m^3, of the basin
 STERN_WATERPLANE = 0.97  # C_WP of the after half: a broad stern over the propellers; assumed
 FREEBOARD = 0.05  # m, assumed
 STATIONS, LEVELS = 41, 11
-SHALLOWEST, FULLEST = 0.12, 0.993  # fullness of a section: at the ends, and amidships
+FINEST, FULLEST = 0.4, BLOCK / PRISMATIC  # fullness of a section: least (assumed), and amidships
 SURGE, YAW = 1.0, 0.3  # N, N m, of the trials: those of [S]'s reference turn (docs/trials.md)
 STERN, BOW = (-0.5, 0.08), 0.47  # m, places of thrusters; assumed, where the model has its own
-UNIT = 1.0  # N, of each
+UNIT = 2.0  # N, of each
 
 
 def supply_vessel() -> Panels:
@@ -50,7 +54,7 @@ def supply_vessel() -> Panels:
 
     Along each half of the length, with s from 0 amidships to 1 at the end, sections have the area 1 - s^p and the
     waterline the half-breadth 1 - s^q of those amidships. Across, the half-breadth is y(z) = b (1 - (z / T)^n), with n
-    from the section's fullness n / (n + 1).
+    from the section's fullness n / (n + 1). Where that would be below FINEST, the keel rises instead.
     """
     draught = MASS / FRESH / (BLOCK * LENGTH * BEAM)
 
@@ -68,16 +72,17 @@ def supply_vessel() -> Panels:
     breadths = powers(WATERPLANE, 2 * WATERPLANE - STERN_WATERPLANE)
     x = np.linspace(-1, 1, STATIONS)
     x = np.sign(x) * (1 - (1 - np.abs(x)) ** 1.5) * (1 - 1e-3)  # closer at the ends
-    level = np.sin(np.linspace(0, np.pi / 2, LEVELS)) * draught
+    share = np.sin(np.linspace(np.pi / 2, 0, LEVELS))  # of the depth, from the keel
     rows = []
     for s in x:
         k = int(s > 0)
-        breadth = BEAM / 2 * (1 - abs(s) ** breadths[k])
-        full = (PRISMATIC / BLOCK) ** -1 * (1 - abs(s) ** areas[k]) / (1 - abs(s) ** breadths[k])
-        full = float(np.clip(full, SHALLOWEST, FULLEST))
-        y = breadth * (1 - (level[::-1] / draught) ** (full / (1 - full)))
-        points = [*zip(y, level[::-1], strict=True), (y[-1], -FREEBOARD)]
-        rows.append((float(s * LENGTH / 2), tuple((max(float(b), 0.0), float(z)) for b, z in points)))
+        breadth, area = 1 - abs(s) ** breadths[k], 1 - abs(s) ** areas[k]
+        full = FULLEST * area / breadth
+        depth = draught * min(full / FINEST, 1.0)  # the keel rises where sections are fine
+        full = float(np.clip(full, FINEST, FULLEST))
+        y = BEAM / 2 * breadth * (1 - share ** (full / (1 - full)))
+        points = [*zip(y, share * depth, strict=True), (y[-1], -FREEBOARD)]
+        rows.append((float(s * LENGTH / 2), tuple((float(b), float(z)) for b, z in points)))
     return mesh(StationsHull(stations=tuple(rows)))
 
 
@@ -94,3 +99,126 @@ def write_stl(panels: Panels, file: Path) -> None:
             points = "\n".join("      vertex " + " ".join(f"{v:.9g}" for v in point) for point in (one, other, centre))
             lines.append(f"  facet normal 0 0 0\n    outer loop\n{points}\n    endloop\n  endfacet")
     file.write_text("\n".join([*lines, "endsolid hull", ""]), encoding="utf-8")
+
+
+class Figures(NamedTuple):
+    """Figures of the trials, means of both sides; NaN where there is none."""
+
+    speed: float  # m/s, steady, full ahead
+    diameter: float  # m, tactical
+    overshoot: float  # deg, the first of the zigzag
+    roll: float  # s, damped period
+
+
+NAMES = {"speed": "top speed, m/s", "diameter": "tactical diameter, m", "overshoot": "first overshoot, 20/20, deg",
+         "roll": "roll period, s"}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Boat:
+    """A boat, what the command is told of it, and its truth."""
+
+    name: str
+    hull: Callable[[], Panels]
+    options: tuple[str, ...]  # of the command
+    truth: str  # vehicle file
+    ahead: float = 1.0  # share of its full thrust
+    helm: float = 1.0  # share of its full helm, in the turning circle
+    changes: Mapping[str, Any] = field(default_factory=dict)  # of the truth's file
+    rolls: bool = True  # whether the truth has a roll of its own
+    published: Figures | None = None  # from tests
+
+
+OTTER_THRUST, WAMV_THRUST = 119.68, 250.06  # N, k_positive n_max^2 of the shipped files
+KVLCC2_THRUST = "53.8"  # N, (1 - t_P) rho n^2 D^4 k_0 of its propeller at rest, which the range of speeds follows
+BOATS = (
+    Boat(
+        "otter", shipped_hull("otter"),
+        ("--mass", "80", "--cg", "0.153125", "0", "-0.246875", "--thruster", "-0.8", "-0.395", "0", f"{OTTER_THRUST}",
+         "--thruster", "-0.8", "0.395", "0", f"{OTTER_THRUST}"), "otter",
+    ),
+    Boat(
+        "wamv", shipped_hull("wamv"),
+        ("--mass", "211", "--cg", "0.051", "0", "0.042", "--rho", "997.7735", "--thruster", "-2.65", "-1.027", "0.19",
+         f"{WAMV_THRUST}", "--thruster", "-2.65", "1.027", "0.19", f"{WAMV_THRUST}", "--propeller", "0.2"), "wamv",
+    ),
+    Boat(
+        "cybership2", supply_vessel,
+        ("--mass", f"{MASS}", "--cg", f"{X_G}", "0", "0", "--rho", f"{FRESH}", "--azimuth", "--propeller", "0",
+         *(word for y in (-STERN[1], STERN[1]) for word in ("--thruster", f"{STERN[0]}", f"{y}", "0.05", f"{UNIT}")),
+         "--thruster", f"{BOW}", "0", "0.05", f"{UNIT}"), "cybership2", 0.5, 0.2, rolls=False,
+    ),
+    Boat(
+        "kvlcc2", shipped_hull("kvlcc2_6dof"), ("--mass", "3351.75", "--cg", "0.25", "0", "0.053", "--thruster", "-3.36", "0", "0.333", KVLCC2_THRUST,
+         "--propeller", "0"), "kvlcc2_6dof",
+        published=Figures(1.179, 0.5 * (3.34 + 3.08) * 7.0, 0.5 * (13.7 + 15.1), math.nan),
+    ),
+)  # fmt: skip
+
+
+def make(boat: Boat, folder: Path) -> Path:
+    """Write mesh and vehicle file of a boat into `folder`, as the command does before its database."""
+    from tools import hydrodynamics
+
+    mesh_file = folder / f"{boat.name}_made.stl"
+    write_stl(boat.hull(), mesh_file)
+    file = mesh_file.with_suffix(".toml")
+    file.unlink(missing_ok=True)
+    told = [str(mesh_file), *boat.options, "--points", POINTS, "--panels", PANELS, "--only-vehicle", "--quiet"]
+    if hydrodynamics.main(told):
+        raise RuntimeError(f"{boat.name}: no vehicle file was made")
+    if boat.truth == "kvlcc2_6dof":
+        file.write_text(_with_propeller(file.read_text(encoding="utf-8"), boat.truth), encoding="utf-8")
+    return file
+
+
+def _with_propeller(text: str, truth: str) -> str:
+    """A vehicle file with propeller and rudder of `truth` in the place of its thrusters."""
+    source = (config_folder() / "vehicles" / f"{truth}.toml").read_text(encoding="utf-8")
+    sections = re.split(r"(?m)^(?=\[)", source)
+    kept = [s for s in sections if re.match(r"\[mmg(\]|\.propeller|\.rudder)", s)]
+    text = re.sub(r"(?ms)^\[actuators\..*?(?=^\[windage\])", "".join(kept), text)
+    return re.sub(r'(?m)^actions = ".*"$', 'actions = "propeller_rudder"', text)
+
+
+def sailed(
+    vehicle: str | Path, changes: Mapping[str, Any], ahead: float, helm: float, zigzag_helm: float, rolls: bool
+) -> Figures:
+    """Figures of a vehicle; `zigzag_helm` in degrees."""
+    setting = Setting(vehicle, dict(changes), ahead=ahead, helm=helm)
+    turn = ship.turning_circle(setting)
+    swing = ship.zigzag(setting, zigzag_helm, HEADING)
+    roll = ship.roll_decay(setting).mean("decay", "damped period") if rolls else math.nan
+
+    def mean(out: Outcome, name: str) -> float:
+        return float(np.mean([out.mean(side, name) for side, _ in ship.SIDES]))
+
+    return Figures(mean(turn, "approach speed"), mean(turn, "tactical diameter"),
+                   math.degrees(mean(swing, "overshoot 1")), roll)  # fmt: skip
+
+
+def compared(boat: Boat, file: Path) -> tuple[Figures, Figures, Figures]:
+    """Figures of the truth, of the vehicle file made of a mesh, and of that file with a resistance that gives the true
+    top speed, all under the same loads.
+    """
+    true = sailed(boat.truth, boat.changes, boat.ahead, boat.helm, HELM, boat.rolls)
+    surge, yaw = np.divide(_full(boat.truth), _full(file)) if boat.truth == "cybership2" else (1.0, 1.0)
+    loads = boat.ahead * surge, boat.helm * yaw, HELM * yaw
+    made = sailed(file, {}, *loads, True)
+    drag = load_vehicle(file).params.hydrodynamics
+    at_true, at_made = (drag.linear[0] * u + drag.quadratic[0] * u**2 for u in (true.speed, made.speed))
+    thrust = 1.0 if boat.truth != "kvlcc2_6dof" else (true.speed / made.speed) ** 2  # a propeller turns as fast as water
+    scaled = {
+        name: [at_made / at_true * thrust * getattr(drag, name)[0], *getattr(drag, name)[1:]]
+        for name in ("linear", "quadratic")
+    }
+    return true, made, sailed(file, {"hydrodynamics": scaled}, *loads, False)._replace(roll=made.roll)
+
+
+def _full(vehicle: str | Path) -> tuple[float, float]:
+    """Surge force (N) and yaw moment (N m) of full ahead and of full helm."""
+    model = load_vehicle(vehicle)
+    if isinstance(model, Hull6Dof):
+        most = model.thrusters.allocation.largest
+        return most[0], most[2]
+    return model.params.surge_force_max, model.params.yaw_moment_max
