@@ -2,48 +2,64 @@
 
 | boat | mesh | truth |
 |---|---|---|
-| Otter, WAM-V 16 | the [hull] of the shipped file | the shipped model: published (Otter), assumed by VRX (WAM-V) |
+| Otter, WAM-V 16 | the [hull] of the shipped file | the shipped model: published (Otter), of VRX (WAM-V) |
 | CyberShip II | an analytic form (`supply_vessel`) | the model identified by Skjetne, Smogeli and Fossen (2004) |
-| KVLCC2 of 7 m | the [hull] of the shipped file | the MMG model of Yasukawa and Yoshimura (2015); free-running tests of MARIN |
+| KVLCC2 of 7 m | the [hull] of the shipped file | the MMG model of Yasukawa and Yoshimura (2015); tests of MARIN |
 
 Both are put through the same trials (taichi_sim/applications/trials). KVLCC2 gets its published propeller and rudder.
+`python tools/validate.py --boats PAGE.md` writes the results into the page.
 """
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from taichi_sim.applications.fit.estimate import fit
+from taichi_sim.applications.fit.log import read_log
+from taichi_sim.applications.fit.synthetic_logs import write_logs
 from taichi_sim.applications.hydro.hull_input import of_vehicle
 from taichi_sim.applications.trials import ship
-from taichi_sim.applications.trials.basin import Basin, Setting
+from taichi_sim.applications.trials.basin import Setting
 from taichi_sim.applications.trials.results import Outcome
 from taichi_sim.config.io import config_folder
+from taichi_sim.kernels import runtime
 from taichi_sim.models.catalogue import load_vehicle
 from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.models.usv.hull.mesh import Panels, StationsHull, mesh
+from taichi_sim.models.usv.hull.params import CROSS_FLOW, LIFT, Hull6DofParams
+from taichi_sim.models.usv.vessel_base import steady_speed
 
 Array = NDArray[np.float64]
 AIM = 0.25  # of each figure
 FLIPPED = np.array([1.0, -1.0, -1.0])  # from b to the frame of meshes: y to port, z up
 HELM, HEADING = 20.0, 20.0  # deg, of the zigzag
+LOG, SEED = 600.0, 3  # s, and the seed of its commands and errors
+PRIORS = {  # of the fit: what the command doubts in a boat unlike a ship
+    "hydrodynamics.linear.0": 0.4, "hydrodynamics.added_mass.1": 0.4, "hydrodynamics.added_mass.5": 0.4,
+    CROSS_FLOW: 0.4, LIFT[0]: 0.8, LIFT[2]: 0.8, LIFT[3]: 0.8,
+}  # fmt: skip
+TITLE = "## Boats from their meshes"
+TEXT, CAUSES, EXAMPLE = "", "", ""
+SHARES = 0.05, 20.0  # of a resistance, between which the true top speed lies
 PANELS = "400"  # of half a hull: no waves are computed
 POINTS = "6"  # of the offsets' sections
 
-# CyberShip II (Skjetne, Smogeli and Fossen 2004) [S]; the supply vessel of MSS (Fossen; ShipX data) has lines of its kind
+# CyberShip II: Skjetne, Smogeli and Fossen (2004) [S]; the supply vessel of MSS (Fossen; ShipX) has lines of its kind
 LENGTH, BEAM, MASS, X_G = 1.255, 0.29, 23.8, 0.046  # m, m, kg, m: [S]
 BLOCK, PRISMATIC, WATERPLANE = 0.651, 0.656, 0.870  # C_B, C_P, C_WP of MSS's supply vessel
 FRESH = 1000.0  # kg/m^3, of the basin
 STERN_WATERPLANE = 0.97  # C_WP of the after half: a broad stern over the propellers; assumed
 FREEBOARD = 0.05  # m, assumed
 STATIONS, LEVELS = 41, 11
-FINEST, FULLEST = 0.4, BLOCK / PRISMATIC  # fullness of a section: least (assumed), and amidships
+FINEST, FULLEST = 0.4, BLOCK / PRISMATIC  # fullness of a section: least (assumed); amidships
 SURGE, YAW = 1.0, 0.3  # N, N m, of the trials: those of [S]'s reference turn (docs/trials.md)
 STERN, BOW = (-0.5, 0.08), 0.47  # m, places of thrusters; assumed, where the model has its own
 UNIT = 2.0  # N, of each
@@ -110,7 +126,7 @@ class Figures(NamedTuple):
     roll: float  # s, damped period
 
 
-NAMES = {"speed": "top speed, m/s", "diameter": "tactical diameter, m", "overshoot": "first overshoot, 20/20, deg",
+NAMES = {"speed": "top speed, m/s", "diameter": "tactical diameter, m", "overshoot": "first overshoot 20/20, deg",
          "roll": "roll period, s"}  # fmt: skip
 
 
@@ -149,7 +165,8 @@ BOATS = (
          "--thruster", f"{BOW}", "0", "0.05", f"{UNIT}"), "cybership2", 0.5, 0.2, rolls=False,
     ),
     Boat(
-        "kvlcc2", shipped_hull("kvlcc2_6dof"), ("--mass", "3351.75", "--cg", "0.25", "0", "0.053", "--thruster", "-3.36", "0", "0.333", KVLCC2_THRUST,
+        "kvlcc2", shipped_hull("kvlcc2_6dof"),
+        ("--mass", "3351.75", "--cg", "0.25", "0", "0.053", "--thruster", "-3.36", "0", "0.333", KVLCC2_THRUST,
          "--propeller", "0"), "kvlcc2_6dof",
         published=Figures(1.179, 0.5 * (3.34 + 3.08) * 7.0, 0.5 * (13.7 + 15.1), math.nan),
     ),
@@ -205,13 +222,19 @@ def compared(boat: Boat, file: Path) -> tuple[Figures, Figures, Figures]:
     surge, yaw = np.divide(_full(boat.truth), _full(file)) if boat.truth == "cybership2" else (1.0, 1.0)
     loads = boat.ahead * surge, boat.helm * yaw, HELM * yaw
     made = sailed(file, {}, *loads, True)
-    drag = load_vehicle(file).params.hydrodynamics
-    at_true, at_made = (drag.linear[0] * u + drag.quadratic[0] * u**2 for u in (true.speed, made.speed))
-    thrust = 1.0 if boat.truth != "kvlcc2_6dof" else (true.speed / made.speed) ** 2  # a propeller turns as fast as water
-    scaled = {
-        name: [at_made / at_true * thrust * getattr(drag, name)[0], *getattr(drag, name)[1:]]
-        for name in ("linear", "quadratic")
-    }
+    params = load_vehicle(file).params
+    assert isinstance(params, Hull6DofParams)
+    drag = params.hydrodynamics
+
+    def beyond(share: float) -> float:
+        """Speed with this share of the resistance beyond the true one; the thrust of [mmg] falls with it."""
+        parts = share * drag.linear[0], share * drag.quadratic[0]
+        if params.mmg:
+            return params.mmg.steady_speed(*parts) - true.speed
+        return steady_speed(drag.linear[0] * made.speed + drag.quadratic[0] * made.speed**2, *parts) - true.speed
+
+    share = brentq(beyond, *SHARES)
+    scaled = {name: [share * getattr(drag, name)[0], *getattr(drag, name)[1:]] for name in ("linear", "quadratic")}
     return true, made, sailed(file, {"hydrodynamics": scaled}, *loads, False)._replace(roll=made.roll)
 
 
@@ -222,3 +245,58 @@ def _full(vehicle: str | Path) -> tuple[float, float]:
         most = model.thrusters.allocation.largest
         return most[0], most[2]
     return model.params.surge_force_max, model.params.yaw_moment_max
+
+
+def ten_minutes(folder: Path) -> tuple[Figures, list[str]]:
+    """Figures of the Otter of a mesh after a fit to a log of ten minutes of the true one, and the lines of the fit."""
+    from taichi_sim.applications.commands import fit as command
+
+    boat = BOATS[0]
+    file = make(boat, folder)
+    (log,) = write_logs(boat.truth, {}, folder, count=1, seconds=LOG, seed=SEED)
+    model, out = load_vehicle(file), folder / "otter_fitted.toml"
+    logs = [read_log(log, model)]
+    found = fit(str(file), logs, PRIORS, starts=1)
+    command.save(out, file, model, found, logs, {})
+    return sailed(out, {}, boat.ahead, boat.helm, HELM, True), command.lines(found, logs)
+
+
+def row(boat: str, name: str, true: float, *others: float) -> str:
+    """A row of the table: figures of the truth and others, with their differences."""
+    cells = (f"{x:.3g} ({100 * (x / true - 1):+.0f} %)" if math.isfinite(x / true) else f"{x:.3g}" for x in others)
+    return f"| {boat} | {name} | {true:.3g} | {' | '.join(cells)} |".replace("nan", "-")
+
+
+def table(found: Mapping[str, Sequence[Figures]]) -> str:
+    """Figures of all boats as a table of Markdown, and the causes of what is outside the aim."""
+    lines = ["| boat | figure | truth | from the mesh | with the true top speed |", "|---|---|--:|--:|--:|"]
+    for boat, figures in found.items():
+        lines += [row(boat, NAMES[key], *(getattr(f, key) for f in figures)) for key in NAMES]
+    return "\n".join(lines)
+
+
+def put_section(page: str, section: str) -> str:
+    """The page with its section on boats replaced, or with a new one at its end."""
+    kept = re.sub(rf"(?ms)^{re.escape(TITLE)}$.*?(?=^## |\Z)", "", page).rstrip()
+    return f"{kept}\n\n{section.strip()}\n"
+
+
+def section_of(page: str) -> str:
+    """The section on boats of a page; empty without one."""
+    found = re.search(rf"(?ms)^{re.escape(TITLE)}$.*?(?=^## |\Z)", page)
+    return found.group().strip() if found else ""
+
+
+def write_section(page: Path) -> None:
+    """Make all boats, sail them, and write the section of the page."""
+    runtime.init(precision="f64", threads=1)
+    with TemporaryDirectory(prefix="boats-") as name:
+        folder = Path(name)
+        found = {boat.name: compared(boat, make(boat, folder)) for boat in BOATS}
+        after, lines = ten_minutes(folder)
+    true, made, _ = found[BOATS[0].name]
+    example = "\n".join(["| figure | truth | from the mesh | after the fit |", "|---|--:|--:|--:|"] + [
+        row("", NAMES[key], *(getattr(f, key) for f in (true, made, after))).removeprefix("|  ") for key in NAMES
+    ])
+    text = "\n\n".join([TITLE, TEXT, table(found), CAUSES, EXAMPLE, example, "```\n" + "\n".join(lines) + "\n```"])
+    page.write_text(put_section(page.read_text(encoding="utf-8"), text), encoding="utf-8")
