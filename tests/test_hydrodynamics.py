@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from taichi_sim.applications.hydro import hull_input as hulls
-from taichi_sim.applications.hydro.make_database import ABOVE, BELOW, Spectrum, Wishes, run, spikes
+from taichi_sim.applications.hydro.make_database import ABOVE, BELOW, Spectrum, Wishes, plan, spikes
 from taichi_sim.applications.hydro.offsets import compared, offsets
 from taichi_sim.applications.hydro.panelling import wetted
 from taichi_sim.applications.hydro.wetted_surface import TURN, WettedSurface, mirrored, reverse, turned_matrix
@@ -343,7 +343,7 @@ def test_a_mesh_that_is_no_hull_is_refused(tmp_path, panels, says):
     [
         (lambda text: text[: len(text) // 2], "truncated|expected"),
         (lambda text: text.replace("endsolid mesh\n", ""), "truncated"),
-        (lambda text: text.replace("vertex", "vertx", 1), "line 4 is 'vertx"),
+        (lambda text: text.replace("vertex", "vertx", 1), "facet 1 has 'vertx"),
         (lambda text: text.replace("0.600000", "nan", 1), "not a finite number"),
     ],
 )
@@ -376,7 +376,7 @@ def test_offsets_that_are_not_the_meshs_hull_are_refused(tmp_path):
     craft = hulls.of_mesh(surface, "trimaran", None, None, None, (2, 2, 0.3))
     wishes = Wishes(RHO, G, np.inf, 100, 0, None, True, "direct", Spectrum(None, None, (), None), 1, True)
     with pytest.raises(ConfigError, match="not the mesh's hull: waterplane Ixx, m.4: .*give this mesh as --mesh"):
-        run(craft, surface, wishes, "", "")
+        plan(craft, surface, wishes)
     with pytest.raises(ConfigError, match="no table of offsets can be made"):
         hulls.of_mesh(hulls.read_mesh(stl(tmp_path, WELL), "m", 0.0, None, None), "well", None, None, None, (3, 2, 0.3))
 
@@ -390,7 +390,7 @@ def test_bow_and_stern_exchanged_are_found_by_the_centre_of_buoyancy(tmp_path):
     craft = hulls.of_mesh(ahead, "wedge", None, None, None, (2, 2, 0.3))
     wishes = Wishes(RHO, G, np.inf, 100, 0, None, True, "direct", Spectrum(None, None, (), None), 1, True)
     with pytest.raises(ConfigError, match="LCB.*are bow and stern exchanged"):
-        run(dataclasses.replace(craft, shape=None), astern, wishes, "", "")
+        plan(dataclasses.replace(craft, shape=None), astern, wishes)
 
 
 def test_normals_are_mended(tmp_path, capsys):
@@ -402,7 +402,7 @@ def test_normals_are_mended(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("name", "way"), [("a.STEP", "export this drawing as STL"), ("a.pnl", "panels of HAMS as GDF")]
+    ("name", "way"), [("a.STEP", "export this drawing as STL"), ("a.pnl", "a.pnl: not a readable mesh")]
 )
 def test_a_mesh_of_another_kind_is_told_by_its_name(tmp_path, name, way):
     (tmp_path / name).write_text("ISO-10303-21;\n")

@@ -11,7 +11,7 @@ format of meshio, x forward, y to port, z up; one closed hull, or its half. NAME
 vehicle file. For a mesh alone the tool also writes NAME.toml, a vehicle with the mesh's offsets. It needs the extra
 `bem` (capytaine). More: docs/hydrodynamics.md.
 
-Exit status: 0 done, 1 bad input, 130 interrupted.
+Exit status: 0 done, 1 bad input, 130 interrupted, 143 terminated.
 """
 
 import argparse
@@ -24,6 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from rl.commands.shared import positive_float
+from rl.runs.signals import sigterm_as_interrupt, status
 from taichi_sim.applications.hydro import hull_input, make_database
 from taichi_sim.applications.hydro.frequency_sweep import require_capytaine
 from taichi_sim.applications.hydro.memory_fit import ENERGY, FitError
@@ -114,16 +115,17 @@ def main(argv: list[str] | None = None) -> int:
     """Parse, compute, write; return the exit status."""
     args = parser().parse_args(argv)
     try:
-        _run(args, shlex.join(["hydrodynamics", *(sys.argv[1:] if argv is None else argv)]))
+        with sigterm_as_interrupt():
+            _run(args, shlex.join(["hydrodynamics", *(sys.argv[1:] if argv is None else argv)]))
     except (ConfigError, FitError, MissingExtraError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except OSError as error:
         print(f"error: {error.filename}: {error.strerror}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interrupt:
         print("\ninterrupted", file=sys.stderr)
-        return 130
+        return status(interrupt)
     return 0
 
 

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from typing import NamedTuple
 from unittest.mock import patch
 
@@ -46,7 +46,13 @@ def workers(count: int, begin: Callable[..., None] | None = None, *given: object
     """Pool of `count` processes, each of which first calls `begin(*given)`."""
     own = os.getpid(), begin, given
     with patch.dict(os.environ, ENVIRONMENT), ProcessPoolExecutor(count, CONTEXT, _begin, own) as pool:
-        yield pool
+        try:
+            yield pool
+        except BaseException:  # an interruption, too: nothing that still runs is wanted
+            pool.shutdown(wait=False, cancel_futures=True)
+            for worker in active_children():
+                worker.terminate()
+            raise
 
 
 def _begin(parent: int, begin: Callable[..., None] | None, given: tuple[object, ...]) -> None:

@@ -4,8 +4,9 @@ Passing means, of the part below water (z < 0): every edge has two panels, but f
 the skin is closed; normals can be made to point outward; no point of space is inside twice; port and starboard are
 alike. What lies above water may be open, doubled or missing. Water between hulls and through a moonpool is outside.
 
-Edges. Corners within MERGE are one. Open edges may meet others along their length (T-junctions), or miss them by at
-most GAP, which is reported. An edge with three panels is the edge of a floor, a bulkhead or a plate.
+Edges. Corners within MERGE are one. Open edges may meet others along their length (T-junctions), or miss them or a
+plane of symmetry by at most GAP, which is reported. An edge with three panels is the edge of a floor, a bulkhead or a
+plate.
 
 Inside and outside. A line through a point of a panel, along the axis closest to the panel's normal, crosses the skin at
 known places, and each crossing changes by one how many times a point is inside (the winding number). It must be 0 on
@@ -40,13 +41,14 @@ Whole = NDArray[np.int64]
 LONGEST, SHORTEST = 500.0, 0.1  # m; few ships are longer and no vehicle is shorter, so the unit is wrong
 # Tolerances over the mesh's size
 MERGE = 1e-6  # corners this close are one
-PROFILE = 0.3  # share of the length over which a half hull is open in its plane of symmetry, at least
+PROFILE = 0.3  # share of the length or beam over which a half hull is open in its plane of symmetry, at least
 DRY = 1e-4  # corners this close to the water lie in its surface
-GAP = 5e-4  # open edges this close to each other are joined (panels of neighbouring patches that do not match)
+GAP = 5e-4  # open edges this close to each other, or to a plane of symmetry, are joined
 TIE = 1e-5  # crossings this close are at one place
 ALIKE = 1e-3  # corners of port and starboard that are images of each other
 # Other tolerances
 OPEN = 2e-3  # relative difference of volumes by different integrals, where open edges were joined
+FIN = 0.05  # share of the area that may be back to back
 STRAY = 1e-3  # share of the area that may seem to be inside twice, where open edges were joined
 UNEVEN = 0.01  # share of the hull that may differ between port and starboard
 SAID = 1e-3  # share from which that is reported
@@ -84,15 +86,14 @@ def checked(mesh: Polygons, name: str, length: float | None) -> WettedSurface:
         _check_half(wet, axis, size, name)
         wet = _flush(wet if wet[..., axis].max() > DRY * size else mirrored(wet, axis), axis, DRY * size)
         print(f"{name}: a half hull, completed by its mirror image in {'xyz'[axis]} = 0")
-    sheet = _joined(wet, _Border(mesh.planes, MERGE * size), size, name)
     planes = mesh.planes
+    wet, sheet = _closed(wet, planes, size, name)
     if 1 not in planes and (side := _half(sheet, size)):
         word = "port" if side > 0 else "starboard"
         print(f"{name}: a {word} half, open along y = 0; completed by its mirror image")
         planes = (1, *planes)
         wet = _flush(wet if side > 0 else mirrored(wet, Y), Y, DRY * size)
-        wet = _unfolded(wet, planes, size, name)
-        sheet = _joined(wet, _Border(planes, MERGE * size), size, name)
+        wet, sheet = _closed(_unfolded(wet, planes, size, name), planes, size, name)
     _check_edges(sheet, panels, name, size)
     wet, part = _outward(sheet, name)
     surface = WettedSurface(wet, planes)
@@ -184,6 +185,22 @@ def _sheet(panels: Array, corners: Array, edges: Whole, border: _Border, gap: fl
     return _Sheet(panels, corners, edges, group, count[group], border.holds(corners[edges[:, 1:]]), gap)
 
 
+def _closed(panels: Array, planes: tuple[int, ...], size: float, name: str) -> tuple[Array, _Sheet]:
+    """Panels with their edges; open edges within GAP of a plane of symmetry, as at a stem, are moved into it."""
+    sheet = _joined(panels, _Border(planes, MERGE * size), size, name)
+    for axis in planes:
+        near = sheet.edges[sheet.open, 1:]
+        near = near[(np.abs(sheet.corners[near, axis]) < GAP * size).all(axis=1)]
+        if len(near):
+            gap = 2 * np.abs(sheet.corners[near, axis]).max()
+            print(f"{name}: a gap of {gap:.2g} m in {'xyz'[axis]} = 0 {_where(sheet.corners[near])}; closed")
+            number = np.unique(panels.reshape(-1, 3), axis=0, return_inverse=True)[1].reshape(-1, 4)
+            panels = panels.copy()
+            panels[..., axis][np.isin(number, near)] = 0.0
+            sheet = _joined(panels, _Border(planes, MERGE * size), size, name)
+    return panels, sheet
+
+
 def _joined(panels: Array, border: _Border, size: float, name: str) -> _Sheet:
     """Panels with their edges; open edges are joined with others within GAP."""
     corners, number = np.unique(panels.reshape(-1, 3), axis=0, return_inverse=True)
@@ -233,7 +250,7 @@ def _joined(panels: Array, border: _Border, size: float, name: str) -> _Sheet:
 def _half(sheet: _Sheet, size: float) -> int:
     """1 for a port half and -1 for a starboard half that is open along y = 0 and nowhere else; else 0."""
     y, loose = sheet.panels[..., Y], sheet.corners[sheet.edges[sheet.open, 1:]][..., Y]
-    if not loose.size or np.abs(loose).max() > DRY * size:
+    if not loose.size or np.abs(loose).max() > GAP * size:
         return 0
     return 1 if y.min() > -DRY * size else -1 if y.max() < DRY * size else 0
 
@@ -247,8 +264,8 @@ def _coincident(panels: Array) -> tuple[Whole, Whole]:
 
 
 def _unfolded(panels: Array, planes: tuple[int, ...], size: float, name: str) -> Array:
-    """Leave out fins without thickness, as triangulation makes at a sharp stem: pairs of panels back to back, and, of a
-    half hull, panels in its plane of symmetry.
+    """Leave out pairs of panels back to back: fins without thickness, as triangulation makes at a sharp stem, and faces
+    between parts. Of a half hull, panels in its plane of symmetry are such.
     """
     area = area_vectors(panels)
     share = np.linalg.norm(area, axis=1) / np.linalg.norm(area, axis=1).sum()
@@ -257,9 +274,9 @@ def _unfolded(panels: Array, planes: tuple[int, ...], size: float, name: str) ->
     flat = (times == 2) & (np.linalg.norm(net, axis=1) < np.linalg.norm(area, axis=1))
     for axis in planes:
         flat |= (np.abs(panels[..., axis]) < DRY * size).all(axis=1)
-    if not flat.any() or share[flat].sum() > STRAY:
+    if not flat.any() or share[flat].sum() > FIN:
         return panels
-    print(f"{name}: {flat.sum()} panels of a fin without thickness left out")
+    print(f"{name}: {flat.sum()} panels back to back (a fin without thickness, or parts face to face) left out")
     return panels[~flat]
 
 
@@ -298,6 +315,7 @@ def _opening(places: Array, panels: Array, size: float) -> str:
     for end in (panels.reshape(-1, 3).min(axis=0), panels.reshape(-1, 3).max(axis=0)):
         bare = ~(np.abs(panels - end) < DRY * size).all(axis=1).any(axis=0)  # no panel lies in that side
         sides |= bare & (np.abs(places - end).max(axis=0) < DRY * size)
+    sides[X] &= np.ptp(places[:, Y]) > PROFILE * np.ptp(panels[..., Y])
     if sides[Y]:
         hint = "; or is its y up?" if _upside(panels) else ""
         return f"all lie in y = {places[:, Y].mean():.4g} m: move the half so that it is open at y = 0{hint}"
@@ -330,8 +348,9 @@ def _ending_on_panels(sheet: _Sheet, loose: Whole, size: float) -> bool:
 
 
 def _where(points: Array) -> str:
-    """The middle of points [..., 3] in words."""
-    x, y, z = np.round(points.reshape(-1, 3).mean(axis=0), 4) + 0.0
+    """The one of points [..., 3] that is nearest their middle, in words: the middle of two hulls is in the water."""
+    points = points.reshape(-1, 3)
+    x, y, z = np.round(points[np.linalg.norm(points - points.mean(axis=0), axis=1).argmin()], 4) + 0.0
     return f"about x = {x:.4g}, y = {y:.4g}, z = {z:.4g} m"
 
 

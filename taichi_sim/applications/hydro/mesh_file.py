@@ -1,15 +1,18 @@
 """Reading of a hull's surface from a file, whole or not at all; mesh_check.py then checks what it is.
 
 Formats are STL (text and binary), OBJ, WAMIT's GDF of flat panels, CSV of panels with the columns x1, y1, z1 ... x4,
-y4, z4, and PLY, VTK, MSH and others that meshio reads. The frame is x forward, y to port, z up. A GDF of one half
-declares this (ISX, ISY); a CSV of one half has no y below 0.
+y4, z4, panels of NEMOH (.dat, .mar), HAMS (.pnl) and HydroStar (.hst), which capytaine reads, and PLY, VTK, MSH and
+others that meshio reads. The frame is x forward, y to port, z up. A file of one half declares this (ISX, ISY of a GDF);
+a CSV of one half has no y below 0.
 
 A reader refuses what it does not know: a file that was cut or damaged lacks its end, its count or its words.
 Coordinates of a GDF are dimensional (WAMIT manual, "The geometric data file": ULEN makes output dimensionless, and
 nothing else); their unit is the metre or the foot of its GRAV.
 """
 
+import logging
 import warnings
+from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,17 +28,16 @@ GRAVITIES = {"m": 9.80665, "ft": 32.174}  # GRAV of a GDF per unit, unit/s^2
 NEAR = 0.03  # relative difference of a GRAV from these (9.8 and 9.81, 32.2)
 STL_HEADER = 84  # bytes before the first triangle of a binary STL: 80 free, 4 of the count
 STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-FACET = ("facet normal", "outer loop", "vertex", "vertex", "vertex", "endloop", "endfacet")  # lines of a text STL
+VERTEX = ("vertex", "0", "0", "0")
+FACET = ("facet", "normal", "0", "0", "0", "outer", "loop", *3 * VERTEX, "endloop", "endfacet")  # words of a text STL
+CODES = {".dat": "nemoh", ".mar": "nemoh", ".pnl": "hams", ".hst": "hydrostar"}  # endings that capytaine reads
 OBJ_IGNORED = frozenset(
     ("vt", "vn", "vp", "g", "o", "s", "mg", "l", "p", "usemtl", "mtllib", "usemap", "maplib", "bevel", "c_interp",
      "d_interp", "lod", "shadow_obj", "trace_obj")
 )  # fmt: skip  # statements of an OBJ that change no polygon
 LINEAR = {"triangle": 3, "quad": 4}  # cells of meshio that are flat panels
 NO_SURFACE = frozenset(("vertex", "line"))  # cells of meshio without an area
-OTHER_KINDS = dict.fromkeys((".step", ".stp", ".iges", ".igs", ".brep", ".3dm"), "export this drawing as STL, in m") | {
-    ".dat": "write the panels of NEMOH as GDF or STL", ".mar": "write the panels of NEMOH as GDF or STL",
-    ".pnl": "write the panels of HAMS as GDF or STL", ".glb": "export it as STL", ".gltf": "export it as STL",
-}  # fmt: skip  # endings that are not read -> the way out
+DRAWINGS = (".step", ".stp", ".iges", ".igs", ".brep", ".3dm", ".glb", ".gltf")  # endings that are not read
 HALF = 1e-6  # share of a mesh's size by which the y of a half hull may lie below 0
 CONVEX = -1e-9  # a polygon's smallest corner (sine of its turn) from which it is convex
 
@@ -56,19 +58,35 @@ def read(path: Path, unit: str = "m") -> Polygons:
     """
     if not path.is_file():
         raise ConfigError(f"{path}: no such file")
-    if way := OTHER_KINDS.get(path.suffix.lower()):
-        raise ConfigError(f"{path}: meshes are STL, OBJ, GDF, CSV, PLY, VTK or MSH: {way}")
-    readers = {".gdf": _gdf, ".csv": _csv, ".stl": _stl, ".obj": _obj}
+    if path.suffix.lower() in DRAWINGS:
+        raise ConfigError(f"{path}: meshes are STL, OBJ, GDF, CSV, PLY, VTK or MSH: export this drawing as STL, in m")
+    readers = {".gdf": _gdf, ".csv": _csv, ".stl": _stl, ".obj": _obj} | dict.fromkeys(CODES, _of_code)
     reader = readers.get(path.suffix.lower())
     try:
         found = reader(path, unit) if reader else Polygons(UNITS[unit] * _meshio(path), ())
-    except (OSError, ValueError, IndexError) as error:
+    except (OSError, ValueError, IndexError, AssertionError) as error:
         raise ConfigError(f"{path}: not a readable mesh: {error}") from None
     if not len(found.panels):
         raise ConfigError(f"{path}: holds no panels (triangles or quadrilaterals)")
     if not np.isfinite(found.panels).all():
         raise ConfigError(f"{path}: a corner is not a finite number")
     return found
+
+
+def _of_code(path: Path, unit: str) -> Polygons:
+    """Panels of another boundary-element code, read by capytaine."""
+    try:
+        from capytaine import ReflectionSymmetricMesh, load_mesh
+    except ImportError as error:
+        raise MissingExtraError("capytaine", "bem") from error
+    logging.getLogger("capytaine").setLevel(logging.ERROR)  # panels that are not flat are usual
+    planes = []
+    with open(path, encoding="utf-8", errors="replace") as file:
+        mesh = load_mesh(file, CODES[path.suffix.lower()])
+    while isinstance(mesh, ReflectionSymmetricMesh):
+        planes.append({"xOz": 1, "yOz": 0}[mesh.plane])
+        mesh = mesh.half
+    return Polygons(UNITS[unit] * np.asarray(mesh.as_array_of_faces()), tuple(sorted(planes, reverse=True)))
 
 
 def _csv(path: Path, unit: str) -> Polygons:
@@ -88,7 +106,7 @@ def _gdf(path: Path, unit: str) -> Polygons:
     lines = _text(path).splitlines()
     if len(lines) < 4:
         raise ValueError("a GDF has a title, ULEN and GRAV, ISX and ISY, the number of panels, and their corners")
-    grav = float(lines[1].split()[1])
+    grav = _number(lines[1].split()[1])
     symmetry = [int(word) for word in lines[2].split()[:2]]
     if len(symmetry) < 2 or not {0, 1}.issuperset(symmetry):
         raise ValueError(f"ISX and ISY are {lines[2].split()[:2]}: allowed are 0 (no symmetry) and 1 (symmetry)")
@@ -136,25 +154,18 @@ def _stl(path: Path, unit: str) -> Polygons:
 
 def _stl_text(text: str) -> Array:
     """Corners [n, 3, 3] of one or more solids, each of them ended."""
-    corners, inside, at = [], False, 0
-    for k, line in enumerate(text.splitlines(), 1):
-        words = line.split()
-        if not words:
-            continue
-        key = words[0].lower()
-        if at == 0 and key == ("endsolid" if inside else "solid"):
-            inside = not inside
-            continue
-        wanted = FACET[at].split()
-        if not inside or [word.lower() for word in words[: len(wanted)]] != wanted:
-            raise ValueError(f"line {k} is {line.strip()[:40]!r}, expected {FACET[at] if inside else 'solid'!r}")
-        if key == "vertex":
-            if len(words) != 4:
-                raise ValueError(f"line {k} is {line.strip()[:40]!r}, expected 'vertex' and three numbers")
-            corners.append([_number(word) for word in words[1:]])
-        at = (at + 1) % len(FACET)
-    if inside:
-        raise ValueError("its end, 'endsolid', is missing: is the file truncated?")
+    lines = text.splitlines()
+    heads = [line.split()[0].lower() for line in lines if line.split()[:1] and "solid" in line.split()[0].lower()]
+    if heads != ["solid", "endsolid"] * (len(heads) // 2):
+        raise ValueError("'solid' and 'endsolid' do not alternate: is the file truncated?")
+    words = [word for line in lines if "solid" not in line.partition(" ")[0].lower() for word in line.split()]
+    corners, own = [], [n for n, word in enumerate(FACET) if word == "vertex"]
+    for first in range(0, len(words), len(FACET)):
+        facet = words[first : first + len(FACET)]
+        for word, wanted in zip_longest(facet, FACET, fillvalue=""):
+            if wanted != "0" and word.lower() != wanted:
+                raise ValueError(f"facet {first // len(FACET) + 1} has {word[:40]!r}, expected {wanted!r}: truncated?")
+        corners.append([[_number(word) for word in facet[n + 1 : n + 4]] for n in own])
     return np.array(corners, dtype=float).reshape(-1, 3, 3)
 
 

@@ -231,8 +231,8 @@ def _halved(panels: Array) -> Array:
 
 def of_number(surface: WettedSurface, wanted: int) -> WettedSurface:
     """Divide a surface into about `wanted` panels, as near as halving comes; a finer one stays as it is."""
-    high = float(surface.edge.max())
-    low = 1e-3 * high
+    even = float(np.sqrt(np.linalg.norm(area_vectors(surface.panels), axis=1).sum() / wanted))
+    low, high = 0.5 * even, max(float(surface.edge.max()), even)
     while high / low > 1.01:
         size = float(np.sqrt(low * high))
         low, high = (size, high) if len(refined(surface, size)) > wanted else (low, size)

@@ -93,11 +93,13 @@ class WettedSurface:
         return C
 
     def integral(self, f) -> Array:
-        """Integral [3] of f n dS over all panels; exact for quadratic f on flat panels."""
+        """Integral [3] of f n dS over all panels; exact for quadratic f on flat panels, of warped ones the mean of both
+        diagonals.
+        """
         a, b, c, d = np.moveaxis(self.whole, 1, 0)
         total = np.zeros(3)
-        for p, q, r in ((a, b, c), (a, c, d)):
-            area = np.cross(q - p, r - p) / 2
+        for p, q, r in ((a, b, c), (a, c, d), (a, b, d), (b, c, d)):
+            area = np.cross(q - p, r - p) / 4
             mean = (f((p + q) / 2) + f((q + r) / 2) + f((r + p) / 2)) / 3
             total += (mean[:, None] * area).sum(axis=0)
         return total
