@@ -211,7 +211,8 @@ def _numbers(data: Table, team: str, swap: Swap, given: Container[str]) -> list[
     """Scale lengths and speeds of a team; what changed."""
     section: Any = data[team]
     track: Any = data.get("track", {})
-    if swap.speed != 1 and "target_speed" in track and "target_speed" not in section and "track.target_speed" not in given:
+    shared = "target_speed" in track and "target_speed" not in section
+    if swap.speed != 1 and shared and "track.target_speed" not in given:
         section["target_speed"] = track["target_speed"]
     told = []
     for key, how in SCALED.items():
