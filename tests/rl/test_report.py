@@ -72,11 +72,15 @@ def test_a_recording_is_linked_where_there_is_one(run, here):
 
 
 def test_a_report_says_what_is_missing_and_how_to_make_it(run, here):
+    """And what changed with another vehicle than the scenario's."""
     forget(run, "uav")
+    config = run / "config.toml"
+    config.write_text(config.read_text().replace("replaced = []", 'replaced = ["usv.spacing: 6.0 -> 9.0, by length"]'))
     ending = here("rl.commands.report", run)
     assert ending.status == 0, ending.err
     page = (run / "report.html").read_text()
-    for words in ("training is not finished", f"taichi-sim evaluate {run}", "--sweep default", "--resume"):
+    for words in ("training is not finished", f"taichi-sim evaluate {run}", "--sweep default", "--resume",
+                  "<li>usv.spacing: 6.0 -&gt; 9.0, by length</li>"):  # fmt: skip
         assert words in page, words
 
 
