@@ -54,6 +54,7 @@ def test_an_independent_code_turns_alike(name, rudder, n, u, make_model, bench, 
     assert np.abs(found[1:, 3:] - np.stack((table.u, table.v, table.r), 1)[1:]).max() < 1e-6
 
 
+@pytest.mark.usefixtures("anything_goes")
 def test_without_loads_a_hull_keeps_its_energy(make_model):
     """Of equal added mass ahead and abeam: what differs between them is the Munk moment, a part of N_v."""
     hull = dict.fromkeys(DERIVATIVES, 0.0) | {"R_0": 1e-12, "m_x": 0.1, "m_y": 0.1}
