@@ -59,7 +59,7 @@ def test_vehicles_that_do_nothing_meet_nothing_before_they_could_react(start):
 def test_no_episode_is_lost_before_its_controller_could_act(name):
     """Of 1,024 episodes of an evaluation, none has ended after 2 s."""
     config = load_scenario(name)
-    policies = {team: ClassicalPolicy() for team in config.teams if team not in config.scripted}
+    policies = {team: ClassicalPolicy() for team in config.acting}
     trial, lost = Trial(config, policies, 1024, 1000, source=find_config(name)), []
     for first in trial.chunks:
         mission = trial.mission(first)
