@@ -160,7 +160,7 @@ def correlation(one: Array, other: Array) -> float:
     ranks = [_ranks(x[both]) for x in (one, other)]
     if min(len(ranks[0]), *(np.ptp(x) if len(x) else 0 for x in ranks)) <= 0:
         return float("nan")
-    return float(np.corrcoef(np.stack(ranks))[0, 1])
+    return float(np.corrcoef(np.stack(ranks)).flat[1])
 
 
 def _ranks(values: Array) -> Array:
