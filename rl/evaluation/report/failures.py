@@ -166,4 +166,4 @@ def correlation(one: Array, other: Array) -> float:
 def _ranks(values: Array) -> Array:
     """Ranks [n]; equal values share the mean of theirs."""
     _, which, counts = np.unique(values, return_inverse=True, return_counts=True)
-    return (counts.cumsum() - (counts - 1) / 2)[which]
+    return np.take(counts.cumsum() - (counts - 1) / 2, which)
