@@ -35,7 +35,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--logger", choices=("tensorboard", "wandb", "none"), default="tensorboard",
                    help="where curves go besides files (default: %(default)s; wandb: extra `wandb`)")  # fmt: skip
     p.add_argument("--no-evaluation", action="store_true",
-                   help="end when training ends; --resume then evaluates, records and reports")
+                   help="end when training ends; --resume then evaluates, records and reports")  # fmt: skip
     shared.add_common(p)
     shared.add_processes(p, "stages' environments")
     return p
