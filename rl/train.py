@@ -34,6 +34,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--port", type=shared.positive_int, default=9876, help="port of --watch (default: %(default)s)")
     p.add_argument("--logger", choices=("tensorboard", "wandb", "none"), default="tensorboard",
                    help="where curves go besides files (default: %(default)s; wandb: extra `wandb`)")  # fmt: skip
+    p.add_argument("--no-evaluation", action="store_true",
+                   help="end when training ends; --resume then evaluates, records and reports")  # fmt: skip
     shared.add_common(p)
     shared.add_processes(p, "stages' environments")
     return p
@@ -76,8 +78,11 @@ def main(argv: list[str] | None = None) -> None:
                 shared.tell_corrected(config)
                 shared.tell_replaced(config, args.overrides)
             summary = run_main_job(
-                config, out, source=source, show_progress=not args.quiet, watch=watch, logger=args.logger
-            )
+                config, out, source=source, show_progress=not args.quiet, watch=watch, logger=args.logger,
+                evaluated=not args.no_evaluation,
+            )  # fmt: skip
+            if place.first and args.no_evaluation:
+                print(f"trained; evaluate it by: {run_folder.resuming(out)}")
     if summary is None:
         return
     print(report(summary["evaluation"], config, out / run_folder.CONFIG))

@@ -35,7 +35,7 @@ from taichi_sim.applications.hydro.vehicle_file import Flow, Given, Thruster, ve
 from taichi_sim.applications.hydro.wetted_surface import turned_matrix
 from taichi_sim.config import ConfigError
 from taichi_sim.config.base import MissingExtraError
-from taichi_sim.config.io import output, replacing
+from taichi_sim.config.io import output, refuse_unwritable, replacing
 from taichi_sim.kernels.conventions import GRAVITY, RHO_SEA
 from taichi_sim.models.usv.hull.database import HydroDatabase, database_file, hull_hash
 
@@ -156,8 +156,9 @@ def _run(args: argparse.Namespace, command: str) -> None:
         make_database.Spectrum(args.frequencies, args.range and tuple(args.range), tuple(args.also), args.heading_step),
         args.jobs, args.quiet,
     )  # fmt: skip
-    plan = make_database.plan(craft, surface, wishes)
     out = args.out or database_file(file)
+    refuse_unwritable(out)
+    plan = make_database.plan(craft, surface, wishes)
 
     def vehicle(flow: Flow, radiation: str) -> list[str]:
         """Write the vehicle of a mesh whole; return messages."""
@@ -193,6 +194,7 @@ def _refit(args: argparse.Namespace) -> None:
     file = hull_input.vehicle_path(args.hull)
     out = args.out or database_file(file)
     found = HydroDatabase.read(out)
+    refuse_unwritable(out)
     if found.hull != hull_hash(hull_input.of_vehicle(file)[0].panels):
         raise ConfigError(f"{out}: of another hull than {file.name}'s: compute it without --refit")
     _complete(found, file, out, args)

@@ -1,4 +1,4 @@
-"""Evaluate a run's policies or a classical controller on held-out episodes, and print the figures."""
+"""Evaluate a run's policies or a classical controller on held-out episodes, and print the figures as JSON."""
 
 import argparse
 import json
@@ -29,7 +29,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--episodes", type=shared.positive_int, default=None, help="number of episodes (default: the scenario's)"
     )
-    p.add_argument("--json", type=output, default=None, metavar="FILE", help="also write the figures to FILE")
+    p.add_argument("--json", type=output, default=None, metavar="FILE", help="write the figures to FILE, not to stdout")
     p.add_argument(
         "--sweep",
         default=None,
@@ -91,9 +91,10 @@ def evaluate(args: argparse.Namespace) -> None:
         for team, policy in policies.items():
             if (price := getattr(policy, "price", None)) is not None:
                 print(f"  {team}: {price:.2f} s of computation for each second of an episode", file=sys.stderr)
-        print(json.dumps(outcome.result, indent=2))
         if args.json:
             run_folder.write_json(args.json, outcome.result)
+        else:
+            print(json.dumps(outcome.result, indent=2))
         if args.policy or not shared.is_run(args.run):  # a run's folder holds what its own policies did
             return
         try:

@@ -67,6 +67,8 @@ M = TypeVar("M", bound=Judged)
 class Judge(Generic[M, C]):
     """Measures one team through a chunk of episodes; a mission derives its own judge and adds figures.
 
+    A mission in which an episode can succeed names `success_rate` in its definitions.
+
     Class attributes: `definitions`, figure -> its definition, in the order in which they are printed; `plotted`, the
     figures that sweeps and checkups plot; `shares`, those between 0 and 1; `told`, numbers of an episode that reports
     show over its conditions, with their label; `goals`, the endings that are what a vehicle was to do.
@@ -75,9 +77,8 @@ class Judge(Generic[M, C]):
     definitions: ClassVar[dict[str, str]] = {
         "reward_per_step": "mean reward of the team's vehicles, over time and episodes",
         **COMMON,
-        "success_rate": "fraction of episodes that ran their full time with no vehicle of the team ended",
     }
-    plotted: ClassVar[tuple[str, ...]] = ("reward_per_step", "collision_free_episodes", "success_rate")
+    plotted: ClassVar[tuple[str, ...]] = ("reward_per_step", "collision_free_episodes")
     shares: ClassVar[tuple[str, ...]] = SHARES
     told: ClassVar[Mapping[str, str]] = MappingProxyType({})
     goals: ClassVar[tuple[str, ...]] = ()
@@ -156,7 +157,8 @@ class Judge(Generic[M, C]):
     @classmethod
     def figures(cls, seen: Sequence[Self], config: C) -> dict[str, float | None]:
         """The figures of `definitions` over all chunks of one team; None where nothing was measured."""
-        return {key: finite(value) for key, value in cls.pooled(cls.episodes(seen, config)).items()}
+        pooled = cls.pooled(cls.episodes(seen, config))
+        return {key: finite(value) for key, value in pooled.items() if key in cls.definitions}
 
     @classmethod
     def line(cls, figures: dict[str, float | None]) -> str:

@@ -11,7 +11,6 @@ dumps/*.dump         environments whose state stopped being finite (tools/replay
 """
 
 import contextlib
-import fcntl
 import glob
 import hashlib
 import json
@@ -298,7 +297,14 @@ def lock(out: Path):
     """
     with (out / LOCK).open("w") as file:
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if sys.platform == "win32":
+                import msvcrt
+
+                msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+            else:
+                import fcntl
+
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise RunError(f"{out}: another process is writing to this run folder") from None
         yield

@@ -41,12 +41,13 @@ FILM_SIZE, FILM_FPS, FILM_S = (720, 450), 8.0, 10.0  # of the film: px, pictures
 
 def run_main_job(
     config: Scenario, out: Path, *, source: Path | None = None, show_progress: bool = True, watch: Watch | None = None,
-    logger: str = "tensorboard",
+    logger: str = "tensorboard", evaluated: bool = True,
 ) -> Summary | None:  # fmt: skip
     """Train, evaluate, record and draw into the run folder `out`; return the content of summary.json.
 
     With several processes, only rank 0 writes to `out`. The other ranks read their scenario from
     `source` and return None. `watch` is called after each training step. `logger` is "tensorboard", "wandb" or "none".
+    Unless it is to be `evaluated`, it ends with training, and None is returned.
 
     Raises:
         ConfigError: if the scenario has nothing to train or its episodes are too short to measure.
@@ -62,8 +63,10 @@ def run_main_job(
     try:
         stages = train_stages(
             config, out, source=source, dumps=out / run_folder.DUMPS, judged=partial(_loss, config, source),
-            show_progress=show_progress, observers=Observers(logger, watch, checkup),
+            show_progress=show_progress, observers=Observers(logger, watch, checkup if evaluated else None),
         )  # fmt: skip
+        if not evaluated:
+            return None
         policies: dict[str, Policy] = ranks.broadcast(lambda: {t: load_policy(out, config, t) for t in config.trained})
         policies |= given_policies(config)
         evaluation = _evaluate(config, policies, out, source, show_progress)

@@ -24,6 +24,8 @@ from typing import NamedTuple, TypeVar
 import torch
 import torch.distributed as dist
 
+from taichi_sim.config.machine import own_cores
+
 T = TypeVar("T")
 _wires: dict[int, Connection] = {}  # rank -> connection on this machine
 _alone = False  # whether this process works for itself
@@ -76,7 +78,7 @@ def envs_each(total: int) -> int:
 
 def cores() -> int:
     """Cores of this process: those of the machine shared among its processes."""
-    return max(1, len(os.sched_getaffinity(0)) // here().local_count)
+    return max(1, len(own_cores()) // here().local_count)
 
 
 @contextlib.contextmanager

@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 from rl.runs import ranks, signals
 from rl.runs.folder import RunError
+from taichi_sim.config.machine import own_cores
 
 RESTARTS = 20  # most restarts after lost processes
 MAX_PER_CORE = 8  # processes
@@ -54,7 +55,7 @@ def process_count(given: int | None, threads: int, share: int, arch: str = "cpu"
     """
     if ranks.engine() is not None:
         return 1
-    cores = len(os.sched_getaffinity(0))
+    cores = len(own_cores())
     if given is None:
         return 1 if threads or arch != "cpu" else max(1, min(cores, share // enough))
     most = max(1, min(MAX_PER_CORE * cores, share)) if enough > 1 else MAX_PER_CORE * cores
@@ -93,7 +94,7 @@ def _attempt(script: Path, arguments: list[str], number: int) -> list[Failure] |
 
     logging.getLogger("torch.distributed").setLevel(logging.CRITICAL)  # `run` prints the failures
     os.environ[LAUNCHED] = str(os.getpid())
-    os.environ.setdefault("OMP_NUM_THREADS", str(max(1, len(os.sched_getaffinity(0)) // number)))
+    os.environ.setdefault("OMP_NUM_THREADS", str(max(1, len(own_cores()) // number)))
     with tempfile.TemporaryDirectory(prefix="taichi-sim-") as logs:
         config = LaunchConfig(
             min_nodes=1, max_nodes=1, nproc_per_node=number, run_id=uuid.uuid4().hex[:8], max_restarts=0,

@@ -36,6 +36,8 @@ from taichi.lang.argpack import ArgPack, ArgPackType
 from taichi.lang.kernel_impl import Kernel
 from taichi.types.annotations import template
 
+from taichi_sim.config.machine import own_cores
+
 Precision = Literal["f32", "f64"]
 array1, array2, array3, array4, array5 = cast(Any, [ti.types.ndarray(ndim=n) for n in range(1, 6)])
 """Types of kernels' arguments: tensors of one to five axes, of the run's precision."""
@@ -135,7 +137,7 @@ def init(arch: str = "cpu", precision: Precision = "f32", threads: int = 0) -> R
         raise ValueError(f"precision = {precision!r}: allowed are 'f32' and 'f64'")
     if isinstance(threads, bool) or not isinstance(threads, int) or threads < 0:
         raise ValueError(f"threads = {threads!r}: a number of threads is expected, 0 for one per available core")
-    wanted = Runtime(arch, precision, threads or len(os.sched_getaffinity(0)))
+    wanted = Runtime(arch, precision, threads or len(own_cores()))
     if _current == wanted and _void is None:
         return wanted
     if _void is FORKED or (impl.get_runtime().prog is not None and (_void or _current is None)):
@@ -164,8 +166,8 @@ def init(arch: str = "cpu", precision: Precision = "f32", threads: int = 0) -> R
 
 
 def _threads() -> set[int]:
-    """Numbers of the threads of this process."""
-    return {int(number) for number in os.listdir("/proc/self/task")}
+    """Numbers of the threads of this process; none where the system does not list them (macOS, Windows)."""
+    return {int(task.name) for task in Path("/proc/self/task").glob("*")}
 
 
 def _bind_to_cores(pool: list[int]) -> None:
@@ -174,7 +176,7 @@ def _bind_to_cores(pool: list[int]) -> None:
     Linux otherwise often wakes two of them on one core, and moves one away only after a millisecond: a kernel of 1 ms
     on two cores then takes 0.77 ms in place of 0.53 ms.
     """
-    cores = sorted(os.sched_getaffinity(0))
+    cores = own_cores()
     if len(pool) == len(cores):
         for thread, core in zip(pool, cores, strict=True):
             with contextlib.suppress(OSError):
@@ -283,7 +285,8 @@ def _after_fork() -> None:
     impl.get_runtime().prog = _Forked(impl.get_runtime().prog)
 
 
-os.register_at_fork(after_in_child=_after_fork)
+if hasattr(os, "register_at_fork"):  # Windows has no fork
+    os.register_at_fork(after_in_child=_after_fork)
 
 
 class _Void:

@@ -13,9 +13,10 @@ found from the world or mission on, each part once. A `StateError` names an attr
 Not seen are tensors that Taichi kernels alone write, and state outside of such objects: in a module or a closure.
 """
 
+import contextlib
 import functools
 import hashlib
-import os
+import math
 import random
 import types
 from collections.abc import Mapping, Sequence
@@ -343,13 +344,11 @@ def _free_memory() -> float:
     """Bytes available without swapping, on the device of the state."""
     if runtime.current().arch == "cuda":
         return float(torch.cuda.mem_get_info()[0])
-    try:
+    with contextlib.suppress(OSError, ValueError):
         for line in Path("/proc/meminfo").read_text().splitlines():
             if line.startswith("MemAvailable:"):
                 return 1024.0 * int(line.split()[1])
-    except (OSError, ValueError):  # not Linux
-        pass
-    return float(os.sysconf("SC_AVPHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
+    return math.inf  # not Linux: it is not known
 
 
 class Stateful(Remembers):

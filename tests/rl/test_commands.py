@@ -70,6 +70,18 @@ def test_a_scenario_without_stages_is_refused(here, tmp_path):
     here("rl.train", "--config", tmp_path / "mine.toml", "--out", tmp_path / "new").fails("stages", "nothing to train")
 
 
+@pytest.mark.slow
+def test_a_run_that_is_not_evaluated_ends_with_training_and_is_evaluated_on_resumption(here, tmp_path):
+    ending = here("rl.train", "--config", "paper", "--out", tmp_path / "new", "--no-evaluation", *sets(*TINY))
+    assert ending.status == 0 and "--resume" in ending.out, ending.err
+    made = {file.name for file in (tmp_path / "new").iterdir()} - {".lock"}
+    assert made == {"config.toml", "meta.json", "usv", "uav", "vehicles"}
+    assert (tmp_path / "new" / "usv" / "policy.onnx").is_file()
+    assert not (tmp_path / "new" / "usv" / "checkups.csv").exists()
+    assert here("rl.train", "--out", tmp_path / "new", "--resume").status == 0
+    assert (tmp_path / "new" / "summary.json").is_file() and (tmp_path / "new" / "usv" / "checkups.csv").is_file()
+
+
 def test_a_sea_too_steep_is_refused(here, tmp_path):
     ending = here("rl.train", "--config", "paper", "--out", tmp_path / "new", *sets(*TINY, "sea.hs=10"))
     ending.fails("too steep", "sea.hs")

@@ -52,7 +52,6 @@ def test_a_team_is_measured_until_one_of_it_has_ended(monkeypatch):
     assert figures["collisions_per_hour"] == pytest.approx(1 / ((10 + 4 + 7) * INTERVAL / 3600))
     assert figures["reward_per_step"] == pytest.approx((10 * 2.0 + 4 * 6.0 + 7 * -1.0) / (10 + 4 + 7))
     assert figures["collision_free_episodes"] == pytest.approx(2 / 3)
-    assert figures["success_rate"] == pytest.approx(1 / 3)
 
 
 @pytest.mark.parametrize("kind", [Judge, FormationJudge])

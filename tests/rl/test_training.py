@@ -249,7 +249,7 @@ def test_evaluation_is_the_same_on_any_number_of_threads_and_again(trained, tmp_
         file = tmp_path / f"{threads}.json"
         ending = command("rl.commands.evaluate", trained, "--threads", threads, "--json", file, *wanted)
         assert ending.status == 0, ending.err
-        assert json.loads(ending.out) == json.loads(file.read_text())
+        assert not ending.out
         texts.append(file.read_text())
     assert texts[0] == texts[1]
     config, source = run_folder.load_config(trained, ["episode_duration=4"])

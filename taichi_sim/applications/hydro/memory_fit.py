@@ -27,7 +27,7 @@ from taichi_sim.models.usv.hull.radiation_memory import Memory
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating]
-Tell = Callable[[int, int], None]  # report of masses done, and of additional masses to do
+Tell = Callable[[], None]  # report of a mass that has been done
 MODES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 AT_RESONANCE = 0.02  # tolerated relative error of the damping at a resonance; the response has the same error
 MOST = 12  # most masses of a group; each costs the simulator as much as half a component of the sea
@@ -36,6 +36,7 @@ STARTS = 2  # random starts, the second one only with up to FEW masses
 FEW = 4
 EVALUATIONS = 300  # most evaluations of one search
 ROUNDS, BETTER = 3, 0.97  # rounds of moving masses, at most; ratio of costs that a round must reach to go on
+ALL = MOST * (1 + ROUNDS)  # searches for a mass, at most, of a group
 FAR = 1e3  # an error that no search accepts
 LEAST = 1e-6  # smallest damper, over its mass's frequency
 OVERDAMPED = 10.0  # largest damper, over the highest frequency; a useless mass would take any value
@@ -105,7 +106,7 @@ class MemorySearch:
         pairs: list[Pair] = []
         x, memory, added = np.empty(0), Memory.none(), 0 * self.A_inf
         for masses in range(1, MOST + 1):
-            tell(1, 0)
+            tell()
             begins = [self._random(masses, start) for start in range(STARTS if masses <= FEW else 1)]
             if masses > 1:
                 begins.append(self._one_more(x, masses))
@@ -113,7 +114,6 @@ class MemorySearch:
             memory, added = self._made(x, masses)
             pairs = self._pairs(memory)
             if all(pair.missing <= energy and pair.off <= AT_RESONANCE for pair in pairs):
-                tell(0, masses - MOST)
                 return memory, self.A_inf + added, pairs
         x = self._polished(x, tell)
         memory, added = self._made(x, MOST)
@@ -160,9 +160,8 @@ class MemorySearch:
         least = float(np.square(self._residual(x, MOST)).sum()) / 2
         for _ in range(ROUNDS):
             before = least
-            tell(0, MOST)
             for mass in range(MOST):
-                tell(1, 0)
+                tell()
                 cost, found = self._found(MOST, self._one_more(self._without(x, mass), MOST))
                 if cost < least:
                     least, x = cost, found
@@ -340,24 +339,33 @@ def _run(searches: list[MemorySearch], energy: float, quiet: bool) -> list[tuple
     """Run all searches at once; return the result of each."""
     progress = CONTEXT.Queue()
     with (
-        tqdm(total=len(searches) * MOST, desc="memory", unit="mass", disable=quiet) as bar,
+        tqdm(total=len(searches) * ALL, desc="memory", unit="mass", disable=quiet) as bar,
         workers(len(searches), _report_to, progress) as pool,
     ):
         running = [pool.submit(_searched, search, energy) for search in searches]
         while not all(search.done() for search in running):
             with contextlib.suppress(queue.Empty):
-                done, more = progress.get(timeout=WAIT_S)
-                bar.total += more
-                bar.update(done)
-        return [search.result() for search in running]
+                bar.update(progress.get(timeout=WAIT_S))
+        found = [search.result() for search in running]
+        bar.update(bar.total - bar.n)
+        return found
 
 
-_progress: "list[Queue[tuple[int, int]]]" = []  # in a worker: the queue to which it reports its progress
+_progress: "list[Queue[int]]" = []  # in a worker: the queue to which it reports its progress
 
 
-def _report_to(progress: "Queue[tuple[int, int]]") -> None:
+def _report_to(progress: "Queue[int]") -> None:
     _progress[:] = [progress]
 
 
 def _searched(search: MemorySearch, energy: float) -> tuple[Memory, Array, list[Pair]]:
-    return search.run(energy, lambda done, more: _progress[0].put((done, more)))
+    done = 0
+
+    def tell() -> None:
+        nonlocal done
+        done += 1
+        _progress[0].put(1)
+
+    found = search.run(energy, tell)
+    _progress[0].put(ALL - done)  # it has ended earlier: few masses are enough
+    return found
