@@ -31,7 +31,7 @@ from taichi_sim.applications.hydro.memory_fit import ENERGY, FitError
 from taichi_sim.applications.hydro.mesh_file import UNITS
 from taichi_sim.applications.hydro.offsets import is_twin
 from taichi_sim.applications.hydro.resistance import HullForm
-from taichi_sim.applications.hydro.vehicle_file import Flow, Given, Thruster, vehicle_text
+from taichi_sim.applications.hydro.vehicle_file import UNFINISHED, Flow, Given, Thruster, vehicle_text
 from taichi_sim.applications.hydro.wetted_surface import turned_matrix
 from taichi_sim.config import ConfigError
 from taichi_sim.config.base import MissingExtraError
@@ -94,7 +94,7 @@ def parser() -> argparse.ArgumentParser:
     what = p.add_argument_group("what is computed")
     what.add_argument("--depth", type=positive_float, default=np.inf, metavar="M", help="of the water (default: deep)")
     what.add_argument("--rho", type=positive_float, default=RHO_SEA, metavar="KG/M3", help=f"default: {RHO_SEA:g}")
-    what.add_argument("--frequencies", type=int, metavar="N", help="how many (default: 50; 90 of twin hulls)")
+    what.add_argument("--frequencies", type=int, metavar="N", help="how many (default: 50; 90 to 150 of twin hulls)")
     what.add_argument("--range", type=positive_float, nargs=2, metavar=("LO", "HI"), help="of frequencies, rad/s")
     what.add_argument("--also", type=positive_float, nargs="+", default=(), metavar="W", help="more of them, rad/s")
     what.add_argument("--heading-step", type=float, metavar="DEG", help="default: 15; less of long hulls")
@@ -143,7 +143,7 @@ def _run(args: argparse.Namespace, command: str) -> None:
             surface = hull_input.read_mesh(args.mesh, args.unit, args.waterline, args.midships or 0.0, length)
     else:
         file = Path(args.hull).with_suffix(".toml")
-        if file.exists():
+        if file.exists() and UNFINISHED not in file.read_text(encoding="utf-8", errors="replace"):
             raise ConfigError(f"{file}: exists; compute its database with {file.name} --mesh {args.hull}, or rename it")
         surface = hull_input.read_mesh(Path(args.hull), args.unit, args.waterline, args.midships, None)
         freeboard = args.freeboard or float(-surface.whole[..., 2].min())
@@ -176,11 +176,17 @@ def _run(args: argparse.Namespace, command: str) -> None:
         print(f"{file}: a vehicle, whole but for the database", *told, sep="\n")
     if args.only_vehicle:
         return
-    print(f"{len(plan.omega)} frequencies: about {plan.seconds / 60:.2g} min; then the memory, a few more")
+    print(f"{len(plan.omega)} frequencies: about {plan.seconds / 60:.2g} min; then the memory, a few more", flush=True)
     found = make_database.run(plan, wishes, code, command)
     found.write(out)  # saves the long computation
-    _complete(found, file, out, args)
     flow = plan.flow._replace(omega=found.omega, added_mass=found.added_mass, damping=found.damping)
+    try:
+        _complete(found, file, out, args)
+    except FitError as error:
+        if craft.shape is None:
+            raise
+        vehicle(flow, "constant, no memory fits")
+        raise FitError(f'{error}. {file} is whole with radiation = "constant"') from None
     for line in vehicle(flow, "memory"):
         if line not in told:
             print(line)

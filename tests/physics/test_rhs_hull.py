@@ -48,3 +48,30 @@ def test_a_hull_at_rest_afloat_accelerates_by_what_is_added(make_model):
     thrust = M @ (model.rhs(rest, [60.0, 0.0])[0] - none)[7:]
     left, k = model.params.thrusters.left, model.params.thrusters.k_positive
     assert thrust == pytest.approx([k * 3600.0, 0, 0, 0, left[2] * k * 3600.0, -left[1] * k * 3600.0], abs=1e-9)
+
+
+def test_coupled_added_mass_and_lift_load_the_hull(constant_model):
+    """Kirchhoff's load of the whole added mass, and the lift, beside the same hull with neither."""
+    coupling = {"surge_pitch": -0.9, "sway_roll": 3.0, "sway_yaw": 6.0, "heave_pitch": -2.0, "roll_yaw": 1.0}
+    lift = {"Y_uv": -90.0, "Y_ur": 40.0, "N_uv": -25.0, "N_ur": -70.0}
+    plain = constant_model("otter", hydrodynamics={"radiation": "constant"})
+    whole = constant_model("otter", hydrodynamics={"added_coupling": coupling, "lift": lift})
+    rng = np.random.default_rng(2)
+    for sign in (1.0, -1.0):
+        nu = rng.uniform(-1, 1, 6) + [2.0 * sign, 0, 0, 0, 0, 0]
+        z, roll, pitch = whole.geometry.hydrostatics.equilibrium
+        state = pack_state([0.0, 0.0, z, roll, pitch, 0.0], nu)
+
+        def load(model, state=state):
+            return (model.params.M_rb + model.params.M_a) @ model.rhs(state, [0.0, 0.0])[0][7:]
+
+        def kirchhoff(model, nu=nu):
+            v, omega = nu[:3], nu[3:]
+            p, h = np.split(model.params.M_a @ nu, 2)
+            return np.concatenate([np.cross(omega, p), np.cross(omega, h) + np.cross(v, p)])
+
+        u, v, r = nu[0], nu[1], nu[5]
+        Y, N = -90.0 * abs(u) * v + 40.0 * u * r, -25.0 * u * v - 70.0 * abs(u) * r
+        expected = kirchhoff(plain) - kirchhoff(whole) + [0, Y, 0, 0, 0, N]
+        assert load(whole) - load(plain) == pytest.approx(expected, abs=1e-9)
+        assert Y * v + N * r <= 0  # it takes energy

@@ -32,7 +32,9 @@ COARSE = 120  # panels of the coarse pass that finds the resonances
 MOST = 4000  # most panels; matrices take 2 x 16 x MOST^2 bytes per process and symmetry
 PER_WAVE = 3.0  # fewest panels per shortest wave, in the tail of the frequencies
 GAP_SIZE = 2.0  # panel size of the damping lid over that of the hull
-COUNT, COUNT_TWIN = 50, 90  # frequencies of a single and of a twin hull, where the water resonates sharply
+COUNT, COUNT_TWIN = 50, (90, 150)  # frequencies of a single hull; of two, where the water resonates sharply: bounds
+PER_WIDTH = 1.5  # frequencies per width (epsilon omega) of a resonance of the water between two hulls; assumed
+FEW = 0.6  # share of these from which a warning is due; assumed
 HEADING_STEPS, MORE_ORDERS = (15.0, 10.0, 7.5, 5.0), 2.0  # deg; harmonics of loads over headings beyond k L / 2
 GAP_DAMPING = 0.03  # epsilon of the damping lid; assumed (docs/hydrodynamics.md)
 # Tolerated relative differences of the simulator's panels from a mesh (LCB: over the length); assumed. A metacentric
@@ -145,7 +147,7 @@ def plan(craft: FloatingHull, mesh: WettedSurface | None, wishes: Wishes) -> Pla
     gap = gap_lid(surface, GAP_SIZE * size)
     epsilon = GAP_DAMPING if wishes.gap_damping is None else wishes.gap_damping
     tank = Tank(surface, lid, gap, wishes.rho, wishes.g, wishes.depth, epsilon, wishes.method)
-    omega = _omega(of, wishes.spectrum, bool(len(gap)), size, wishes.g)
+    omega = _omega(of, wishes.spectrum, epsilon if len(gap) else None, size, wishes.g)
     heading = _headings(surface, wishes.spectrum.heading_step, max(of), wishes.g)
     alike = " and ".join(PLANES[a] for a in surface.planes)
     print(
@@ -247,17 +249,25 @@ def _coarse(craft: FloatingHull, floating: Floating, wishes: Wishes) -> tuple[Ar
     return tried, [solve(tank, w, np.empty(0)) for w in tried]
 
 
-def _omega(of: Resonances, wanted: Spectrum, twin: bool, size: float, g: float) -> Array:
+def _omega(of: Resonances, wanted: Spectrum, epsilon: float | None, size: float, g: float) -> Array:
     """Frequencies, rad/s: evenly spaced over the resonances, wider apart in the tail, as high as the panels allow.
 
-    Each of `wanted.also` replaces the nearest one within half a step.
+    `epsilon` is the damping of water between two hulls, if there are two. Each of `wanted.also` replaces the nearest
+    one within half a step.
     """
-    count = wanted.count or (COUNT_TWIN if twin else COUNT)
+    top = np.sqrt(2 * np.pi * g / (PER_WAVE * size))
+    low, high, end = BELOW * min(of), min(ABOVE * max(of), top), min(TAIL * max(of), top)
+    count = wanted.count or COUNT
+    if epsilon is not None:
+        width = max(epsilon, 1e-3) * (low + high) / 2
+        needed = int(PER_WIDTH * (high - low) / width / (1 - IN_TAIL))
+        count = wanted.count or int(np.clip(needed, *COUNT_TWIN))
+        if count < FEW * min(needed, COUNT_TWIN[1]):
+            print(f"warning: {count} frequencies may miss resonances of the water between the hulls, some {width:.2g} "
+                  f"rad/s wide; a memory may not fit: --frequencies {min(needed, COUNT_TWIN[1])}")  # fmt: skip
     if wanted.range:
         omega = np.linspace(*wanted.range, count)
     else:
-        top = np.sqrt(2 * np.pi * g / (PER_WAVE * size))
-        low, high, end = BELOW * min(of), min(ABOVE * max(of), top), min(TAIL * max(of), top)
         tail = round(IN_TAIL * count * min(1.0, np.log(end / high) / np.log(TAIL / ABOVE)))
         omega = _digits([*np.linspace(low, high, count - tail), *np.geomspace(high, end, tail + 1)[1:]])
     for name, w in zip(NAMES, of, strict=True):

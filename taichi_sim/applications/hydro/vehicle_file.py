@@ -28,6 +28,7 @@ from taichi_sim.models.usv.hull.params import COUPLED, AddedCoupling
 Array = NDArray[np.float64]
 OSCILLATING = [2, 4]  # modes whose added mass is that at their resonance; of others, that of omega -> 0
 NEAR_INF = (0.5, 2.0)  # allowed A(resonance) / A(infinity) of these; assumed
+TINY = 1e-12  # avoids a division by zero
 SYMMETRIC = 0.1  # allowed asymmetry of a computed added mass, from coarse panels; assumed
 STRIPS = (0.5, 2.2)  # allowed sway added mass over rho pi T^2 / 2 of each section (half ellipses); assumed
 ROLL = 0.04  # viscous share of critical roll damping; assumed: slender hulls without bilge keels have 0.02 to 0.07
@@ -38,6 +39,14 @@ LIFT_UNITS = ("kg/m", "kg", "kg", "kg m")
 LAG = 0.2  # s, of thrusters; assumed
 TURN_RATE = 90.0  # deg/s, of azimuth thrusters; assumed
 OUTBOARD = 0.45  # distance of assumed propellers behind CO, over the length
+
+
+UNFINISHED = "UNFINISHED"  # mark of a file whose database is not there yet
+RADIATION = {
+    "memory": 'radiation = "memory"  # and diffraction, of the database\ndatabase = "{name}' + SUFFIX + '"',
+    "constant": f'radiation = "constant"  # {UNFINISHED}: coarse panels, no database yet; run the command above again',
+    "constant, no memory fits": 'radiation = "constant"  # added mass and damping below; no memory fitted the database',
+}
 
 
 class Thruster(NamedTuple):
@@ -81,7 +90,7 @@ def added_mass(flow: Flow, form: HullForm, rho: float, name: str) -> tuple[Array
     """
     A, told = flow.slow.copy(), []
     d = np.sqrt(np.abs(np.diag(A)))
-    off = float((np.abs(A - A.T) / np.outer(d, d)).max())
+    off = float((np.abs(A - A.T) / np.maximum(np.outer(d, d), TINY)).max())
     fast = np.array([[flow.at(flow.added_mass, i, j) for j in range(6)] for i in range(6)])
     near = np.diag(fast)[OSCILLATING] / np.diag(flow.endless)[OSCILLATING]
     if (near < NEAR_INF[0]).any() or (near > NEAR_INF[1]).any():
@@ -131,9 +140,9 @@ def vehicle_text(
     craft: FloatingHull, form: HullForm, flow: Flow, stiffness: Array, given: Given, rho: float, g: float,
     radiation: str, command: str,
 ) -> tuple[str, list[str]]:  # fmt: skip
-    """The TOML of a whole vehicle, and messages; `radiation` is "memory", or "constant" without a database.
+    """The TOML of a whole vehicle, and messages.
 
-    `stiffness` [6, 6] is about CO, at the design waterline.
+    `radiation` is one of RADIATION; `stiffness` [6, 6] is about CO, at the design waterline.
     """
     assert craft.shape is not None
     A, told = added_mass(flow, form, rho, craft.name)
@@ -168,8 +177,6 @@ def vehicle_text(
     )
     lifted = zip(lift(form, A, rho).items(), LIFT_UNITS, strict=True)
     lifts = "\n".join(f"{name} = {value:.5g}  # {unit}" for (name, value), unit in lifted)
-    memory = f'radiation = "memory"          # and diffraction, of the database\ndatabase = "{craft.name}{SUFFIX}"'
-    constant = 'radiation = "constant"        # UNFINISHED: coarse panels, no database yet; run the command below again'
     text = f'''# {craft.name}: made of a mesh by
 #   {command}
 # What is assumed says so, with what it matters; put in measured numbers where you have them (docs/fit.md: from a log).
@@ -187,7 +194,7 @@ cg = {_row(craft.cg)}  # m
 gyration = {_row(gyration)}  # m{gyration_note}
 
 [hydrodynamics]
-{memory if radiation == "memory" else constant}
+{RADIATION[radiation].format(name=craft.name)}
 # For Coriolis and Munk loads. Potential theory: surge, sway, roll, yaw and coupling in the limit of slow motion, heave
 # and pitch at their resonances ({flow.resonances[2]:.3g} and {flow.resonances[4]:.3g} rad/s)
 added_mass = {_row(np.diag(A))}  # kg, kg m^2

@@ -316,8 +316,9 @@ class Hull6DofParams(VehicleParams):
         """Refuse damping of surge, sway and yaw beside a polynomial, and propellers without resistance."""
         h = self.hydrodynamics
         planar = [f"{name}[{i}]" for name in ("linear", "quadratic") for i in (0, 1, 5) if getattr(h, name)[i] != 0]
-        if self.mmg and self.mmg.hull and (planar or h.cross_flow_length):
-            given = ", ".join(planar) or "cross_flow_length"
+        planar += [name for name, value in (("cross_flow_length", h.cross_flow_length), ("lift", h.lift.Y_uv)) if value]
+        if self.mmg and self.mmg.hull and planar:
+            given = ", ".join(planar)
             raise ValueError(
                 f"hydrodynamics.{given}: must be 0, for [mmg.hull] holds all damping of surge, sway and yaw"
             )
