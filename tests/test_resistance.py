@@ -1,6 +1,7 @@
 """Resistance of hulls against closed forms and published numbers, and the vehicle file that is made of it."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -47,13 +48,14 @@ def test_a_small_deep_body_makes_the_waves_of_a_dipole(u):
 def test_holtrop_and_mennens_own_example():
     """The ship of their paper (1982) at 25 kn, without its bulb (c_2 = 0.7595): R_W 557.11 kN, 1 + k 1.156."""
     L, B, T, V, C_P = 205.0, 32.0, 10.0, 37500.0, 0.5833
-    form = SimpleNamespace(
+    form: Any = SimpleNamespace(
         length=L, beam=B, draught=T, volume=V, prismatic=C_P, midship=0.98 * B * T, waterplane_share=0.75, lcb=-0.75,
         run_length=81.385, transom=16.0,
     )  # fmt: skip
     assert resistance._regression(form, 25 * 0.514444, RHO, G) == pytest.approx(557.11e3 / 0.7595, rel=0.02)
-    assert HullForm.form_factor.fget(form) == pytest.approx(1.156, rel=0.01)
-    assert HullForm.run_length.fget(form) == pytest.approx(81.385, rel=1e-3)
+    of: Any = HullForm
+    assert of.form_factor.fget(form) == pytest.approx(1.156, rel=0.01)
+    assert of.run_length.fget(form) == pytest.approx(81.385, rel=1e-3)
 
 
 def flow(sway: float = 320.0) -> Flow:
