@@ -10,7 +10,18 @@ import torch
 
 from taichi_sim.config import AirConfig, SeaConfig
 from taichi_sim.models.catalogue import load_vehicle
-from taichi_sim.models.usv.hull.params import ADDED_MASS, AREAS, CG, DECK_FRICTION, GAINS, LAG, LINEAR, MASS, QUADRATIC
+from taichi_sim.models.usv.hull.params import (
+    ADDED_MASS,
+    AREAS,
+    CG,
+    CROSS_FLOW,
+    DECK_FRICTION,
+    GAINS,
+    LAG,
+    LINEAR,
+    MASS,
+    QUADRATIC,
+)
 from taichi_sim.surroundings.sea import Sea
 
 pytestmark = pytest.mark.usefixtures("f64")
@@ -22,7 +33,7 @@ HULLS = {
     "wamv": {},
     "barge": {},
 }
-KEYS = (MASS, *CG, *ADDED_MASS, *LINEAR, *QUADRATIC, *GAINS, LAG, *AREAS)
+KEYS = (MASS, *CG, *ADDED_MASS, *LINEAR, *QUADRATIC, CROSS_FLOW, *GAINS, LAG, *AREAS)
 INSTEAD_OF_ZERO = {"rigid_body.cg": 0.02, "added_mass": 9.0, "linear": 7.0, "quadratic": 11.0, "windage": 0.8}
 
 

@@ -116,14 +116,14 @@ def damping_load(h: ti.template(), p: ti.template(), nu_r, nu_m):
     """
     damped = nu_m if ti.static(h.damping_relative_to == "current") else nu_r
     tau = diagonal_damping(ti.static(vector(p, "linear", 6)), ti.static(vector(p, "quadratic", 6)), damped)
-    if ti.static(h.cross_flow_length > 0):
-        YN = cross_flow(h, nu_r[1], nu_r[5])
+    if ti.static(h.has_cross_flow):
+        YN = cross_flow(h, nu_r[1], nu_r[5]) * (p.cross_flow * ti.static(1.0 / h.cross_flow_coefficient))
         tau[1] += YN[0]
         tau[5] += YN[1]
     if ti.static(h.lift.Y_uv < 0):
         u, v, r = nu_r[0], nu_r[1], nu_r[5]
-        tau[1] += h.lift.Y_uv * ti.abs(u) * v + h.lift.Y_ur * u * r
-        tau[5] += h.lift.N_uv * u * v + h.lift.N_ur * ti.abs(u) * r
+        tau[1] += p.Y_uv * ti.abs(u) * v + p.Y_ur * u * r
+        tau[5] += p.N_uv * u * v + p.N_ur * ti.abs(u) * r
     return tau
 
 

@@ -167,6 +167,11 @@ class Hydrodynamics(Strict):
         return self
 
     @property
+    def has_cross_flow(self) -> bool:
+        """Whether the strip integral has a drag."""
+        return self.cross_flow_length > 0 and self.cross_flow_coefficient > 0
+
+    @property
     def M_a(self) -> np.ndarray:  # noqa: N802
         """Added-mass matrix about CO, [6, 6]."""
         M = np.diag(self.added_mass)
@@ -326,6 +331,8 @@ CG = tuple(f"rigid_body.cg.{i}" for i in range(3))
 ADDED_MASS, LINEAR, QUADRATIC = (
     tuple(f"hydrodynamics.{name}.{i}" for i in range(6)) for name in ("added_mass", "linear", "quadratic")
 )
+CROSS_FLOW = "hydrodynamics.cross_flow_coefficient"
+LIFT = tuple(f"hydrodynamics.lift.{name}" for name in Lift.model_fields)
 GAINS = ("thrusters.gain_left", "thrusters.gain_right")
 DECK_FRICTION = "deck.friction"
 AREAS = ("windage.frontal_area", "windage.lateral_area")
@@ -349,12 +356,12 @@ THRUSTER_FIELDS = (  # for each thruster k (`THRUSTER_FIELDS`_k), after FIELDS
 
 
 @cache
-def numbers_of(thrusters: int, mmg: tuple[str, ...] = ()) -> Callable[..., tuple[Number, ...]]:
-    """NamedTuple type of a hull with this many thrusters, or with the fields `mmg` of its propellers and rudders (see
-    `FIELDS`); its entries are floats, or tensors of one shape.
+def numbers_of(thrusters: int, more: tuple[str, ...] = ()) -> Callable[..., tuple[Number, ...]]:
+    """NamedTuple type of a hull with this many thrusters, and the fields `more` of cross-flow drag, lift, propellers
+    and rudders (see `FIELDS`); its entries are floats, or tensors of one shape.
     """
     fitted = (f"{name}_{k}" for name in THRUSTER_FIELDS for k in range(thrusters))
-    return namedtuple("HullNumbers", (*FIELDS, *fitted, *mmg))
+    return namedtuple("HullNumbers", (*FIELDS, *fitted, *more))
 
 
 def varying_keys(p: Hull6DofParams) -> tuple[str, ...]:
@@ -362,7 +369,14 @@ def varying_keys(p: Hull6DofParams) -> tuple[str, ...]:
     gains, lags = thruster_keys(p)
     thrusters = (*gains, *dict.fromkeys(lags))
     deck = (DECK_FRICTION,) if p.deck else ()  # contact/between_teams.py reads it
-    return (MASS, *CG, *ADDED_MASS, *LINEAR, *QUADRATIC, *thrusters, *mmg_keys(p), *AREAS, *deck)
+    flow = flow_fields(p).values()
+    return (MASS, *CG, *ADDED_MASS, *LINEAR, *QUADRATIC, *flow, *thrusters, *mmg_keys(p), *AREAS, *deck)
+
+
+def flow_fields(p: Hull6DofParams) -> dict[str, str]:
+    """Fields of cross-flow drag and lift, and their keys, of a hull that has them."""
+    drag = {"cross_flow": CROSS_FLOW} if p.hydrodynamics.has_cross_flow else {}
+    return drag | (dict(zip(Lift.model_fields, LIFT, strict=True)) if p.hydrodynamics.lift.Y_uv < 0 else {})
 
 
 def mmg_keys(p: Hull6DofParams) -> tuple[str, ...]:
@@ -416,12 +430,12 @@ def hull_numbers(
     inverse = _inverse(M)
     w, (frontal, lateral) = p.windage, (values[key] for key in AREAS)
     gains, lags = ([values[key] for key in keys] for keys in thruster_keys(p))
-    mmg = mmg_numbers(p, dt, values)
-    return numbers_of(len(gains), tuple(mmg))(
+    more = {field: values[key] for field, key in flow_fields(p).items()} | mmg_numbers(p, dt, values)
+    return numbers_of(len(gains), tuple(more))(
         dt, mass * GRAVITY, *cg, *added, *linear, *quadratic,
         0.5 * RHO_AIR * w.c_x * frontal, 0.5 * RHO_AIR * w.c_y * lateral, RHO_AIR * w.c_n * lateral * p.length,
         *(M_rb[i][j] for i, j in UPPER), *(inverse[i][j] for i, j in UPPER),
-        *(left_of(0.5 * dt, lag) for lag in lags), *(left_of(dt, lag) for lag in lags), *gains, *mmg.values(),
+        *(left_of(0.5 * dt, lag) for lag in lags), *(left_of(dt, lag) for lag in lags), *gains, *more.values(),
     )  # fmt: skip
 
 
