@@ -82,6 +82,7 @@ def parser() -> argparse.ArgumentParser:
         metavar=("X", "Y", "Z", "N"),
         help="place, m, forward, starboard, down from CO, and largest thrust, N; once for each",
     )
+    drive.add_argument("--propeller", type=float, metavar="D", help="diameter, m; 0: thrust does not fall with speed")
     drive.add_argument("--azimuth", action="store_true", help="thrusters turn all round")
     drive.add_argument(
         "--windage",
@@ -103,6 +104,7 @@ def parser() -> argparse.ArgumentParser:
     what.add_argument("--method", choices=("direct", "sources"), default="direct", help="default: direct")
     what.add_argument("--no-lid", action="store_true", help="leave irregular frequencies in")
     what.add_argument("--energy", type=positive_float, default=ENERGY, metavar="E", help="share that a memory may miss")
+    p.add_argument("--only-vehicle", action="store_true", help="no database: the vehicle file alone, for calm water")
     p.add_argument("--refit", action="store_true", help="fit the memory of the database that is there once more")
     p.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: all cores)")
     p.add_argument("--quiet", action="store_true", help="no progress bar")
@@ -147,7 +149,8 @@ def _run(args: argparse.Namespace, command: str) -> None:
         freeboard = args.freeboard or float(-surface.whole[..., 2].min())
         table = args.stations, args.points, freeboard
         craft = hull_input.of_mesh(surface, file.stem, args.mass, args.cg and tuple(args.cg), args.gyration, table)
-        given = Given(tuple(Thruster(*of) for of in args.thruster), args.azimuth, args.windage and tuple(args.windage))
+        units = tuple(Thruster(*of) for of in args.thruster)
+        given = Given(units, args.azimuth, args.propeller, args.windage and tuple(args.windage))
     wishes = make_database.Wishes(
         args.rho, GRAVITY, args.depth, args.panels, args.divisions, args.gap_damping, not args.no_lid, args.method,
         make_database.Spectrum(args.frequencies, args.range and tuple(args.range), tuple(args.also), args.heading_step),
@@ -167,9 +170,11 @@ def _run(args: argparse.Namespace, command: str) -> None:
             part.write_text(text, encoding="utf-8")
         return told
 
-    told = vehicle(plan.flow, "constant")
+    told = vehicle(plan.flow, "constant, as asked" if args.only_vehicle else "constant")
     if craft.shape is not None:
         print(f"{file}: a vehicle, whole but for the database", *told, sep="\n")
+    if args.only_vehicle:
+        return
     print(f"{len(plan.omega)} frequencies: about {plan.seconds / 60:.2g} min; then the memory, a few more", flush=True)
     found = make_database.run(plan, wishes, code, command)
     found.write(out)  # saves the long computation

@@ -11,6 +11,11 @@
       A = 1/2 sum n_x dS exp(lambda^2 k_0 z + i lambda k_0 x) cos(lambda sinh(s) k_0 y_hull),
 
   summed over the panels of all hulls but for a transom, behind which the water separates.
+- Thrust that falls with speed, counted as resistance because thrusters here push alike at every speed: momentum theory
+  (Rankine 1865; Froude 1889) at constant power. With t = T(u) / T(0) and the race's speed w at rest,
+
+      t^3 + 2 t u / w = 1,   w^2 = 8 T(0) / (pi rho D^2).
+
 - A transom that runs dry: Holtrop (1984). Correlation allowance C_A of ships in full scale: Holtrop (1984).
 
 Holtrop, J. and Mennen, G. G. J. (1982), An approximate power prediction method, Int. Shipbuilding Progress 29; Holtrop
@@ -19,6 +24,7 @@ Holtrop, J. and Mennen, G. G. J. (1982), An approximate power prediction method,
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -170,6 +176,17 @@ class HullForm:
         ]
 
 
+class Race(NamedTuple):
+    """Thrust at rest (N) of a propeller, and the speed of its race then, m/s; infinite: the thrust stays."""
+
+    thrust: float
+    speed: float
+
+    def lost(self, u: float) -> float:
+        """Thrust lost at the hull's speed u (m/s), N."""
+        return self.thrust * (1 - float(brentq(lambda t: t**3 + 2 * t * u / self.speed - 1, 0.0, 1.0)))
+
+
 @dataclass(frozen=True)
 class Resistance:
     """Resistance of a form in water of density rho (kg/m^3) under gravity g (m/s^2), by part."""
@@ -177,6 +194,7 @@ class Resistance:
     form: HullForm
     rho: float
     g: float
+    races: tuple[Race, ...] = ()  # of its propellers
 
     @property
     def by_regression(self) -> bool:
@@ -202,6 +220,14 @@ class Resistance:
         """All parts, N."""
         return sum(self.parts(u).values())
 
+    def lost(self, u: float) -> float:
+        """Thrust lost at u (m/s), N."""
+        return sum(race.lost(u) for race in self.races)
+
+    def driven(self, u: float) -> float:
+        """All parts and the thrust lost at u (m/s), N."""
+        return self.total(u) + self.lost(u)
+
     @property
     def allowance(self) -> float:
         """C_A of Holtrop (1984), of ships."""
@@ -224,18 +250,18 @@ class Resistance:
         return float(4 * self.rho * self.g**2 / (np.pi * u**2) * np.trapezoid(np.abs(A) ** 2 * lam[:, 0] ** 2, s))
 
     def speed(self, thrust: float) -> float:
-        """Speed (m/s) at which the resistance is `thrust` (N), at most that of FASTEST."""
+        """Speed (m/s) at which the resistance and the thrust lost are `thrust` (N), at most that of FASTEST."""
         most = FASTEST * float(np.sqrt(self.g * self.form.length))
-        if self.total(most) <= thrust:
+        if self.driven(most) <= thrust:
             return most
-        return float(brentq(lambda u: self.total(u) - thrust, 1e-3 * most, most, xtol=1e-4))
+        return float(brentq(lambda u: self.driven(u) - thrust, 1e-3 * most, most, xtol=1e-4))
 
     def fitted(self, top: float) -> tuple[float, float, float]:
         """a, b >= 0 of a u + b u^2, exact at the speed `top` (m/s) and close below it, and the largest error there over
         the resistance at `top`.
         """
         u = top * np.arange(1, FITTED + 1) / FITTED
-        R = np.array([self.total(x) for x in u])
+        R = np.array([self.driven(x) for x in u])
         weight = np.where(u == u[-1], TOP_WEIGHT, 1.0)
         (a, b), _ = nnls(np.stack([u, u * u], axis=1) * weight[:, None], R * weight)
         return float(a), float(b), float(np.abs(a * u + b * u * u - R).max() / R[-1])

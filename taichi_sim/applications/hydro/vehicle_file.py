@@ -2,7 +2,7 @@
 
 Every number has a line with its source. What nobody gave is assumed, and the line says so and how much it matters.
 
-- Added mass: surge, sway, roll and yaw in the limit omega -> 0, because manoeuvres are slow; heave and pitch at their
+- Added mass: surge, sway and yaw in the limit omega -> 0, because manoeuvres are slow; heave, roll and pitch at their
   resonances, where they oscillate. Near a resonance of water between two hulls the latter may be negative or many times
   as large; then they are those of infinite frequency.
 - Surge resistance: resistance.py, as a u + b u^2 up to the top speed.
@@ -13,19 +13,20 @@ Every number has a line with its source. What nobody gave is assumed, and the li
 - Heave, roll, pitch: radiation at the resonance; in roll a share of the critical damping for viscosity.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.applications.hydro.hull_input import FloatingHull
-from taichi_sim.applications.hydro.resistance import FASTEST, HullForm, Resistance, cross_flow_coefficient
+from taichi_sim.applications.hydro.resistance import FASTEST, HullForm, Race, Resistance, cross_flow_coefficient
 from taichi_sim.config import ConfigError
 from taichi_sim.models.usv.hull.database import SUFFIX
 from taichi_sim.models.usv.hull.params import COUPLED, AddedCoupling
 
 Array = NDArray[np.float64]
-OSCILLATING = [2, 4]  # modes whose added mass is that at their resonance; of others, that of omega -> 0
+OSCILLATING = [2, 4]  # modes whose added mass is that at their resonance (A44 alone, too); of others, omega -> 0
 NEAR_INF = (0.5, 2.0)  # allowed A(resonance) / A(infinity) of these; assumed
 TINY = 1e-12  # avoids a division by zero
 SYMMETRIC = 0.1  # allowed asymmetry of a computed added mass, from coarse panels; assumed
@@ -33,6 +34,8 @@ STRIPS = (0.5, 2.2)  # allowed sway added mass over rho pi T^2 / 2 of each secti
 ROLL = 0.04  # viscous share of critical roll damping; assumed: slender hulls without bilge keels have 0.02 to 0.07
 PLAUSIBLE_FROUDE = 0.4  # Froude number of the top speed of a boat whose thrusters are not given; assumed
 ASTERN = 0.6  # thrust astern over thrust ahead; assumed
+DISC = 4000.0  # N/m^2, thrust at rest over the square of the diameter; assumed: small boats have 1500 to 9000
+LIFT_UNITS = ("kg/m", "kg", "kg", "kg m")
 LAG = 0.2  # s, of thrusters; assumed
 TURN_RATE = 90.0  # deg/s, of azimuth thrusters; assumed
 OUTBOARD = 0.45  # distance of assumed propellers behind CO, over the length
@@ -42,6 +45,7 @@ UNFINISHED = "UNFINISHED"  # mark of a file whose database is not there yet
 RADIATION = {
     "memory": 'radiation = "memory"  # and diffraction, of the database\ndatabase = "{name}' + SUFFIX + '"',
     "constant": f'radiation = "constant"  # {UNFINISHED}: coarse panels, no database yet; run the command above again',
+    "constant, as asked": 'radiation = "constant"  # added mass and damping below: for calm water (--only-vehicle)',
     "constant, no memory fits": 'radiation = "constant"  # added mass and damping below; no memory fitted the database',
 }
 
@@ -60,6 +64,7 @@ class Given(NamedTuple):
 
     thrusters: tuple[Thruster, ...] = ()
     azimuth: bool = False
+    propeller: float | None = None  # m, diameter of each; 0: the thrust does not fall with speed
     windage: tuple[float, float, float] | None = None  # m^2 ahead, m^2 to the side, m: centre above the water
 
 
@@ -97,6 +102,8 @@ def added_mass(flow: Flow, form: HullForm, rho: float, name: str) -> tuple[Array
         fast = flow.endless
     A[OSCILLATING] = fast[OSCILLATING]
     A[:, OSCILLATING] = fast[:, OSCILLATING]
+    roll, endless = flow.at(flow.added_mass, 3, 3), float(flow.endless[3, 3])
+    A[3, 3] = roll if NEAR_INF[0] < roll / endless < NEAR_INF[1] else endless
     kept = np.eye(6, dtype=bool)
     for i, j in COUPLED:
         kept[i, j] = kept[j, i] = True
@@ -125,7 +132,7 @@ def lift(form: HullForm, A: Array, rho: float) -> dict[str, float]:
     Y_uv = scale * (1 + 0.40 * C_B * B / T)
     Y_ur = scale * L * (-0.5 + 2.2 * B / L - 0.080 * B / T) + A[0, 0]
     N_uv = scale * L * (0.5 + 2.4 * T / L) + A[1, 1] - A[0, 0]
-    N_ur = scale * L**2 * (0.25 + 0.039 * B / T - 0.56 * B / L)
+    N_ur = scale * L**2 * (0.25 + 0.039 * B / T - 0.56 * B / L) + A[1, 5]
     most = 0.999 * 2 * np.sqrt(Y_uv * N_ur)
     N_uv = float(np.clip(N_uv, -most - Y_ur, most - Y_ur))
     stern = (form.stern_draught / T) ** 2
@@ -146,7 +153,7 @@ def vehicle_text(
     length, beam, draught = np.ptp(whole[:, 0]), np.ptp(whole[:, 1]), -whole[:, 2].min()
     freeboard = -float(craft.shape.points[0, -1, 2])
     resistance = Resistance(form, rho, g)
-    thrusters, actions, top = _thrusters(craft, form, resistance, given, told)
+    thrusters, actions, top, resistance = _thrusters(craft, form, resistance, given, told)
     a, b, error = resistance.fitted(top)
     parts = {name: f"{value:.3g}" for name, value in resistance.parts(top).items()}
     waves = "Holtrop and Mennen (1982; 1984)" if resistance.by_regression else "Michell's thin-ship theory (1898)"
@@ -171,7 +178,8 @@ def vehicle_text(
     coupling = ", ".join(
         f"{name} = {A[i, j]:.5g}" for name, (i, j) in zip(AddedCoupling.model_fields, COUPLED, strict=True)
     )
-    lifts = ", ".join(f"{name} = {value:.5g}" for name, value in lift(form, A, rho).items())
+    lifted = zip(lift(form, A, rho).items(), LIFT_UNITS, strict=True)
+    lifts = "\n".join(f"{name} = {value:.5g}  # {unit}" for (name, value), unit in lifted)
     text = f'''# {craft.name}: made of a mesh by
 #   {command}
 # What is assumed says so, with what it matters; put in measured numbers where you have them (docs/fit.md: from a log).
@@ -190,14 +198,15 @@ gyration = {_row(gyration)}  # m{gyration_note}
 
 [hydrodynamics]
 {RADIATION[radiation].format(name=craft.name)}
-# For Coriolis and Munk loads. Potential theory: surge, sway, roll, yaw and coupling in the limit of slow motion, heave
-# and pitch at their resonances ({flow.resonances[2]:.3g} and {flow.resonances[4]:.3g} rad/s)
+# For Coriolis and Munk loads. Potential theory: surge, sway, yaw and coupling in the limit of slow motion; heave, roll,
+# pitch at their resonances ({flow.resonances[2]:.3g}, {flow.resonances[3]:.3g} and {flow.resonances[4]:.3g} rad/s)
 added_mass = {_row(np.diag(A))}  # kg, kg m^2
 added_coupling = {{ {coupling} }}  # kg m, kg m^2
 # Surge at {top:.3g} m/s, fitted below it within {100 * error:.2g} % of that (top speed goes with its square root):
 # {parts["friction"]} N of friction: ITTC (1957), with 1 + k = {form.form_factor:.3g} of Holtrop (1984){outside}
 # {parts["waves"]} N of waves: {waves}
 # {parts["transom"]} N of the transom: Holtrop (1984); appendages and fouling: 0, assumed (some per cent)
+# {_lost(resistance, top, given.propeller)}
 # Heave, roll, pitch: radiation at the resonance, and in roll {100 * ROLL:g} % of critical damping: assumed, it
 # sets the height of the roll resonance alone. Sway and yaw: cross-flow drag and lift.
 linear = {_row(linear)}  # N s/m, N m s
@@ -206,9 +215,11 @@ quadratic = [{b:.6g}, 0.0, 0.0, 0.0, 0.0, 0.0]  # N s^2/m^2
 cross_flow_length = {form.length:.6g}  # m
 cross_flow_draft = {form.hulls * mean_draught:.6g}  # m
 cross_flow_coefficient = {C_d:.6g}
+
+[hydrodynamics.lift]
 # Clarke, Gedling and Hine (1983), of {_count(form)}, less Munk and Coriolis loads, times the square of stern draught
 # {form.stern_draught:.3g} m over draught (slender bodies: Newman 1977){_clarke(form)}
-lift = {{ {lifts} }}  # kg/m, kg, kg, kg m
+{lifts}
 
 {thrusters}
 [windage]  # coefficients: Fossen (2021), sec. 10.1; areas {areas}
@@ -248,8 +259,8 @@ def _clarke(form: HullForm) -> str:
 
 def _thrusters(
     craft: FloatingHull, form: HullForm, resistance: Resistance, given: Given, told: list[str]
-) -> tuple[str, str, float]:
-    """Sections of the thrusters, their actions, and the top speed (m/s)."""
+) -> tuple[str, str, float, Resistance]:
+    """Sections of the thrusters, their actions, the top speed (m/s), and the resistance with the thrust lost."""
     units, note = given.thrusters, ""
     if not units:
         u = PLAUSIBLE_FROUDE * float(np.sqrt(resistance.g * form.length))
@@ -265,6 +276,8 @@ def _thrusters(
             f"{u:.3g} m/s; top speed goes with the square root of their thrust, the yaw moment with thrust times y"
         )
     thrust = sum(unit.thrust for unit in units)
+    if given.thrusters:  # those assumed are sized for their speed
+        resistance = replace(resistance, races=_races(units, given.propeller, resistance.rho))
     top = resistance.speed(thrust)
     if top >= FASTEST * np.sqrt(resistance.g * form.length) * (1 - 1e-9):
         told.append(
@@ -283,7 +296,7 @@ n_max = 1.0
 n_min = -1.0
 lag = {LAG:g}  # s; assumed: it matters for control faster than some 1 / lag
 '''
-        return text, "surge_yaw", top
+        return text, "surge_yaw", top, resistance
     sections = []
     for k, unit in enumerate(units, 1):
         turn = (
@@ -295,7 +308,25 @@ lag = {LAG:g}  # s; assumed: it matters for control faster than some 1 / lag
             f"thrust_min = {-ASTERN * unit.thrust:.6g}  # N; assumed {ASTERN:g} of that ahead\n"
             f"lag = {LAG:g}  # s; assumed: it matters for control faster than some 1 / lag\n{turn}"
         )
-    return note + "\n".join(sections), "wrench" if given.azimuth else "units", top
+    return note + "\n".join(sections), "wrench" if given.azimuth else "units", top, resistance
+
+
+def _races(units: tuple[Thruster, ...], propeller: float | None, rho: float) -> tuple[Race, ...]:
+    """Races of the propellers, of a diameter (m) or of the assumed DISC."""
+    if propeller == 0:
+        return ()
+    loads = [DISC if propeller is None else unit.thrust / propeller**2 for unit in units]
+    return tuple(
+        Race(unit.thrust, float(np.sqrt(8 * load / (np.pi * rho)))) for unit, load in zip(units, loads, strict=True)
+    )
+
+
+def _lost(resistance: Resistance, top: float, propeller: float | None) -> str:
+    """The line on thrust that falls with speed."""
+    if not resistance.races:
+        return "no thrust is lost with speed" + (", as given" if propeller == 0 else ": it is sized for this speed")
+    disc = f"propellers of {propeller:g} m" if propeller else f"T / D^2 = {DISC:g} N/m^2, assumed (--propeller)"
+    return f"{resistance.lost(top):.3g} N of thrust lost with speed: momentum theory at constant power, {disc}"
 
 
 def _row(values) -> str:
