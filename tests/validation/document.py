@@ -6,6 +6,7 @@ from itertools import groupby
 from pathlib import Path
 
 from taichi_sim.kernels import runtime
+from tests.validation.boats import section_of
 from tests.validation.case import Check, Folder
 from tests.validation.plots import PICTURES
 from tests.validation.plots.style import save
@@ -77,6 +78,8 @@ def write(report: Report, reference: Path, file: Path) -> list[str]:
                     missing.append(f"{picture.name}: {error}")
                 else:
                     parts.append(f"![{picture.name}]({file.stem}/{picture.name}.png)\n\n{picture.caption}")
+    if file.is_file() and (boats := section_of(file.read_text(encoding="utf-8"))):
+        parts.append(boats)
     if report.unchecked:
         names = ", ".join(f"`{name}`" for name in report.unchecked)
         parts += ["## Files without a check", f"{names}: notes and by-products."]
