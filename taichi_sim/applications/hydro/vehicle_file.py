@@ -2,7 +2,7 @@
 
 Every number has a line with its source. What nobody gave is assumed, and the line says so and how much it matters.
 
-- Added mass: surge, sway, roll and yaw in the limit omega -> 0, because manoeuvres are slow; heave and pitch at their
+- Added mass: surge, sway and yaw in the limit omega -> 0, because manoeuvres are slow; heave, roll and pitch at their
   resonances, where they oscillate. Near a resonance of water between two hulls the latter may be negative or many times
   as large; then they are those of infinite frequency.
 - Surge resistance: resistance.py, as a u + b u^2 up to the top speed.
@@ -26,7 +26,7 @@ from taichi_sim.models.usv.hull.database import SUFFIX
 from taichi_sim.models.usv.hull.params import COUPLED, AddedCoupling
 
 Array = NDArray[np.float64]
-OSCILLATING = [2, 4]  # modes whose added mass is that at their resonance; of others, that of omega -> 0
+OSCILLATING = [2, 4]  # modes whose added mass is that at their resonance (A44 alone, too); of others, omega -> 0
 NEAR_INF = (0.5, 2.0)  # allowed A(resonance) / A(infinity) of these; assumed
 TINY = 1e-12  # avoids a division by zero
 SYMMETRIC = 0.1  # allowed asymmetry of a computed added mass, from coarse panels; assumed
@@ -45,6 +45,7 @@ UNFINISHED = "UNFINISHED"  # mark of a file whose database is not there yet
 RADIATION = {
     "memory": 'radiation = "memory"  # and diffraction, of the database\ndatabase = "{name}' + SUFFIX + '"',
     "constant": f'radiation = "constant"  # {UNFINISHED}: coarse panels, no database yet; run the command above again',
+    "constant, as asked": 'radiation = "constant"  # added mass and damping below: for calm water (--only-vehicle)',
     "constant, no memory fits": 'radiation = "constant"  # added mass and damping below; no memory fitted the database',
 }
 
@@ -101,6 +102,8 @@ def added_mass(flow: Flow, form: HullForm, rho: float, name: str) -> tuple[Array
         fast = flow.endless
     A[OSCILLATING] = fast[OSCILLATING]
     A[:, OSCILLATING] = fast[:, OSCILLATING]
+    roll, endless = flow.at(flow.added_mass, 3, 3), float(flow.endless[3, 3])
+    A[3, 3] = roll if NEAR_INF[0] < roll / endless < NEAR_INF[1] else endless
     kept = np.eye(6, dtype=bool)
     for i, j in COUPLED:
         kept[i, j] = kept[j, i] = True
@@ -194,8 +197,8 @@ gyration = {_row(gyration)}  # m{gyration_note}
 
 [hydrodynamics]
 {RADIATION[radiation].format(name=craft.name)}
-# For Coriolis and Munk loads. Potential theory: surge, sway, roll, yaw and coupling in the limit of slow motion, heave
-# and pitch at their resonances ({flow.resonances[2]:.3g} and {flow.resonances[4]:.3g} rad/s)
+# For Coriolis and Munk loads. Potential theory: surge, sway, yaw and coupling in the limit of slow motion; heave, roll,
+# pitch at their resonances ({flow.resonances[2]:.3g}, {flow.resonances[3]:.3g} and {flow.resonances[4]:.3g} rad/s)
 added_mass = {_row(np.diag(A))}  # kg, kg m^2
 added_coupling = {{ {coupling} }}  # kg m, kg m^2
 # Surge at {top:.3g} m/s, fitted below it within {100 * error:.2g} % of that (top speed goes with its square root):
