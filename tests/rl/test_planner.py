@@ -25,7 +25,7 @@ def cost_of(team, steps: int, action) -> torch.Tensor:
     """What the team's next steps cost it [env]; `action` is asked for the number of each."""
     cost, ended = torch.zeros(team.mission.num_envs), torch.zeros_like(team.fleet.never)
     for k in range(steps):
-        now = team.mission.step({team.name: action(k)}).endings[team.name].any
+        now = team.mission.step({team.name: action(k)}, begin=False).endings[team.name].any
         cost += team.plan_cost(now & ~ended).sum(-1)
         ended |= now
     return cost
@@ -80,7 +80,7 @@ def test_a_learned_policy_is_followed_where_it_is_the_best_sample():
     action, follows = planner(team), planner.follows_policy
     assert follows.any() and not follows.all()
     assert action[follows].equal(stop(team)[follows])
-    assert action[~follows] == pytest.approx(ClassicalPolicy()(team)[~follows].numpy(), abs=1e-4)
+    assert action[~follows] == pytest.approx(ClassicalPolicy()(team).values[~follows].numpy(), abs=1e-4)
     assert (planner.cost[follows] < planner.classical[follows]).all()
 
 
@@ -114,7 +114,7 @@ def test_plans_are_better_than_the_classical_controller_in_lanes_full_of_obstacl
         team = team_of("lanes", "seed=11", envs=12)
         total = torch.zeros(12)
         for _ in range(450):
-            step = team.mission.step({"usv": policy(team)})
+            step = team.mission.step({"usv": policy}, begin=False)
             assert not step.endings["usv"]["collided"].any() or isinstance(policy, ClassicalPolicy)
             total += team.distance.square().mean(-1)
         errors.append(float(total.mean()))

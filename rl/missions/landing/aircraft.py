@@ -15,10 +15,9 @@ from rl.missions.landing.known_deck import LAGS, KnownDeck
 from rl.missions.landing.level_frame import into_level
 from rl.missions.landing.marker import Look, Marker
 from rl.missions.landing.pilots import Pilot, corrected
-from rl.perception.due import Due
 from rl.perception.instruments import Readings
 from rl.perception.radio import Radio
-from rl.step import COLLIDED, Endings
+from rl.step import COLLIDED, Due, Endings
 from rl.team import Team
 from taichi_sim.config import ConfigError
 from taichi_sim.kernels.conventions import BELOW, DOWN
@@ -101,7 +100,7 @@ class Aircraft(Team[Parts, LandingTeam]):
         self.boat_of = torch.arange(self.fleet.count, device=state.device) % boats
         self.alone = self.fleet.count == boats
         self.own = self.remember(Readings(self.fleet, self.section.sensors, self.interval, config.first_number(name)))
-        self._known_deck = self.remember(KnownDeck(state, self.interval, boats))
+        self.known_deck = self.remember(KnownDeck(state, self.interval, boats))
         self.soles_below = float(model.soles(self.fleet)[..., BELOW].max())
         self._soles = state.new_tensor(model.legs.points)[:, :2]
         shape = state.shape[:2]
@@ -119,12 +118,6 @@ class Aircraft(Team[Parts, LandingTeam]):
         names = () if self.alone else (*FAILED, *model.ending_names)
         self.failed = self.remember({failing: torch.zeros_like(self.over) for failing in names})
         self._wanted: Tensor | None = self.scratch(None)
-
-    @property
-    def known_deck(self) -> KnownDeck:
-        """What each aircraft knows of its deck."""
-        self.mission.perceive()
-        return self._known_deck
 
     @property
     def deck(self) -> DeckMotion:
@@ -171,7 +164,6 @@ class Aircraft(Team[Parts, LandingTeam]):
     @property
     def wanted(self) -> Tensor:
         """Velocity [env, aircraft, 3] (NED, m/s) that the pilot wants now."""
-        self.mission.perceive()
         if self._wanted is None:
             self._wanted = self.pilot.wanted(self)
         return self._wanted
@@ -243,10 +235,9 @@ class Aircraft(Team[Parts, LandingTeam]):
         known = self.known_deck
         away = torch.hypot(known.to[..., :2].norm(dim=-1), self.known_height)
         share = (away / c.reach).clamp(FINEST, 1.0).unsqueeze(-1)
-        correction = share * action.clamp(-1.0, 1.0) + 0.0 * action  # what is not finite stays so
         wanted, far = self.wanted.clone(), away > c.reach
         wanted[..., DOWN] = torch.where(far, wanted[..., DOWN].clamp(min=0.0), wanted[..., DOWN])
-        velocity = corrected(wanted, correction, known.heading, c.level, c.vertical)
+        velocity = corrected(wanted, share * action, known.heading, c.level, c.vertical)
         return self.flown(self.pilot.limited(self, velocity, self.pilot.config.approach + c.level))
 
     @property
@@ -356,7 +347,7 @@ class Aircraft(Team[Parts, LandingTeam]):
         self._low = low & ~up
         self.time = torch.where(fresh, 0.0, self.time + dt * (on & ~self.touched))
 
-    def sense(self, due: Due) -> None:
+    def perceive(self, due: Due) -> None:
         """Read the instruments."""
         self.own.read(due)
 
@@ -530,19 +521,18 @@ class SensingAircraft(Aircraft):
         self.marker = self.remember(Marker(self.section.marker, self.own, tilted, mission.config.first_number(name)))
         self._radio = radio
 
-    def sense(self, due: Due) -> None:
+    def perceive(self, due: Due) -> None:
         """Read the instruments, and look at the markers."""
-        super().sense(due)
+        super().perceive(due)
         self.marker.look(self.fleet, self.decks, self.mission.hs, due)
 
     @property
     def seen_marker(self) -> tuple[Tensor, Tensor]:
         """Whether each camera sees its marker, bool [env, aircraft]; where, from the aircraft, b, m, [.., 3]."""
-        self.mission.perceive()
         seen = self.marker.seen
         return seen[..., Look.VARIANCE] > 0, (self.own.R_nb.mT @ seen[..., : Look.VARIANCE, None]).squeeze(-1)
 
     def conclude(self, due: Due) -> None:
         """Update the known decks by the looks and by the messages of the boats."""
         super().conclude(due)
-        self._known_deck.measure(due, self.own, self.marker.seen, self._radio.heard)
+        self.known_deck.measure(due, self.own, self.marker.seen, self._radio.heard)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rl.evaluation.judge import Episodes, Judge, Judged
+from rl.judge import Episodes, Judge, Judged
 from rl.missions.landing.aircraft import Aircraft
 from rl.missions.landing.config import LandingScenario
 from rl.missions.landing.deck_motion import Decks

@@ -23,8 +23,8 @@ from rl.missions.landing.deck_steadying import BoatTeam
 from rl.missions.landing.film import overlays_of
 from rl.missions.landing.judge import LandingJudge
 from rl.missions.landing.planning_model import ImaginedLanding, imagined_scenario
-from rl.perception.due import Due
 from rl.perception.radio import Radio
+from rl.step import Due
 from taichi_sim.config import ConfigError
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
@@ -162,10 +162,10 @@ class Landing(Mission[LandingScenario, BoatTeam | SensingAircraft]):
         self.boats.truth(due)
         super().truth(due)
 
-    def sense(self, due: Due) -> None:
+    def perceive(self, due: Due) -> None:
         """Boats read their instruments, whether they take part or not; aircraft look at their decks, too."""
-        self.boats.sense(due)
-        super().sense(due)
+        self.boats.perceive(due)
+        super().perceive(due)
 
     def exchange(self, due: Due) -> None:
         """All have one radio."""

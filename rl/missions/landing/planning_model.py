@@ -19,8 +19,8 @@ from rl.missions.landing.deck_motion import Decks
 from rl.missions.landing.foresight import Foresight
 from rl.missions.landing.host import Parts
 from rl.perception.contacts import SensorsConfig
-from rl.perception.due import Due
 from rl.perception.radio import RadioConfig
+from rl.step import Due
 from taichi_sim.config import SeaConfig
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, BELOW, DOWN, POSITION, QUATERNION, STATE_SIZE, VELOCITY
