@@ -18,6 +18,7 @@ Data of a team are torch tensors [env, vehicle, ...]. One decision has these pha
 """
 
 import inspect
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import reduce
 from operator import or_
@@ -33,7 +34,7 @@ from torch import Tensor
 from rl.judge import Judge
 from rl.scenario import Scenario, derive_seed
 from rl.step import BEGINS, COLLIDED, DIVERGED, GOES_ON, Due, Endings, Step, VehicleActions
-from rl.team import Action, ControllerError, Policy, Team
+from rl.team import Action, ControllerError, Policy, Team, refuse_moved
 from taichi_sim.config.arguments import Envs, environments, names, whole_number
 from taichi_sim.config.base import number, span
 from taichi_sim.kernels import runtime
@@ -52,6 +53,7 @@ OWNED = ("observe", "reward", "endings", "plan_cost", "log", "info", "controller
 MOVED = {name: "a team owns it: write it in a class derived from Team, named by `Team`" for name in OWNED} | {
     "controller": "a team owns it: write `make_controller` in a class derived from Team, named by `Team`",
     "measure": "write `move` for everything that is not a vehicle, `truth` for what is measured",
+    "sense": "it is called `perceive`",
     "measure_again": "write `truth`, which is called for environments that begin, too",
 }
 """Names of methods that a mission must not have, and what to write instead."""
@@ -167,9 +169,7 @@ class Mission(Stateful, Generic[C, T]):
     def __init_subclass__(cls) -> None:
         """Refuse a method that a team owns, or that has another name."""
         super().__init_subclass__()
-        for name, now in MOVED.items():
-            if name in cls.__dict__:
-                raise TypeError(f"{cls.__name__}.{name}: {now} (rl/mission.py, rl/team.py)")
+        refuse_moved(cls, MOVED)
 
     def __repr__(self) -> str:
         """Scenario, number of environments, time in the episodes, acting teams, sea."""
@@ -464,6 +464,13 @@ class Mission(Stateful, Generic[C, T]):
                 m/s.
         """
         self.world.place(team, envs, level_states(place, heading, surge))
+
+    def scatter(self, team: str, envs: Tensor, within: float) -> None:
+        """Place the vehicles of a team in environments `envs` [n], at rest, anywhere within `within` (m) north and east
+        of the origin, heading anywhere, for `begin`.
+        """
+        draw = torch.rand((len(envs), self.teams[team].fleet.count, 3), generator=self.generator)
+        self.place(team, envs, within * (2 * draw[..., :2] - 1), 2 * math.pi * draw[..., 2])
 
     def reseed(self, seed: int) -> None:
         """Make the draws of later resets depend on `seed` alone; the seas and what `prepare` made stay."""

@@ -67,8 +67,21 @@ class Host(Protocol):
 
 
 M = TypeVar("M", bound=Host)
+MOVED = {
+    "sense": "it is called `perceive`",
+    "knowledge": "it is called `known`",
+    "command": "write `commanded`; `Mission.step` takes the actions of policies",
+}
+"""Names that a team must not have, and what to write instead."""
 FLOATS = torch.float32, torch.float64
 OBSERVATION = "observation"
+
+
+def refuse_moved(kind: type, moved: Mapping[str, str]) -> None:
+    """Refuse a class with an attribute of another name or place now, as `moved` says."""
+    for name, now in moved.items():
+        if name in kind.__dict__:
+            raise TypeError(f"{kind.__name__}.{name}: {now} (rl/mission.py, rl/team.py)")
 
 
 class Team(Remembers, Generic[M, S]):
@@ -88,6 +101,11 @@ class Team(Remembers, Generic[M, S]):
     logged: ClassVar[tuple[str, ...]] = ()
     meanings: ClassVar[Mapping[str, str]] = {}
     ordered: Tensor | None = None
+
+    def __init_subclass__(cls) -> None:
+        """Refuse what has another name."""
+        super().__init_subclass__()
+        refuse_moved(cls, MOVED)
 
     def __init__(self, mission: M, name: str):
         """Make team `name` of a mission whose world exists."""

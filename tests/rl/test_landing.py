@@ -97,26 +97,6 @@ def test_beside_the_middle_and_blind_a_policy_stays_above_the_deck(override, asi
     assert min(heights) > least - 0.3 and not bool(team.touched.any())
 
 
-def test_two_aircraft_land_on_one_deck_one_after_the_other():
-    """The second waits until the first has landed and left; both are told to have landed when both have."""
-    mission = landing("uav.count=2", "episode_duration=80", "landing.hold_distance=8", "landing.hold_height=5")
-    team, judge, apart = mission.teams["uav"], mission.Judge(mission, "uav"), []
-    for k in range(mission.config.episode_steps):
-        first = team.landed[:, 0]
-        assert not bool((team.comes[:, 1] & ~first).any())
-        waits = ~first & (mission.steps > 100)
-        assert float(team.height[waits, 1].min() if waits.any() else 9.0) > 6.0
-        step = mission.drive({"uav": team.controller(team)}, begin=False)
-        judge.see(step, k + 1)
-        place = team.fleet.position_n
-        apart.append(float((place[:, 0] - place[:, 1]).norm(dim=-1).min()))
-        assert bool((step.endings["uav"].any.any(1) == team.landed.all(1)).all())
-        if bool(team.landed.all()):
-            break
-    assert (judge.outcome == OUTCOMES.index("landed")).all() and min(apart) > 4.0
-    assert (judge.time[:, 1] > judge.time[:, 0] + mission.config.landing.stand).all()
-
-
 def test_plans_of_a_landing_count_a_landing_and_its_failures():
     mission = shared()
     mission.reset()
@@ -293,7 +273,7 @@ def test_scenarios_that_cannot_be_flown_are_refused(override, told):
 
 def test_aircraft_that_begin_in_one_place_are_refused():
     with pytest.raises(ConfigError, match=r"landing.distance = \[0.0, 0.0\].*two aircraft would begin in one place"):
-        landing("uav.count=2", "landing.distance=[0, 0]", "landing.height=[8, 8]")
+        landing("usv.count=2", "uav.count=2", "landing.apart=0.01", "landing.distance=[0, 0]", "landing.height=[8, 8]")
 
 
 def test_vehicles_that_cannot_land_are_refused():
