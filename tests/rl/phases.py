@@ -26,6 +26,6 @@ def check_followed(moves: Mission, follows: Mission) -> None:
         seen = [mission.teams[name].observations() for mission in (moves, follows)]
         torch.testing.assert_close(seen[1], seen[0], rtol=0.0, atol=1e-5)
         action = {name: 2 * torch.rand(team.fleet.action.shape, generator=generator) - 1}
-        moves.step(action)
+        moves.drive(action, begin=False)
         follows.follow(moved, action)
     assert int(follows.steps) == 6

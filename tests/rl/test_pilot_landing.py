@@ -85,7 +85,7 @@ class Sea:
                 m = asked[-1]
                 down = m.vz / (model.descent if m.vz > 0 else model.climb)
                 action = (m.vx / model.speed, m.vy / model.speed, down, m.yaw_rate / model.yaw_rate)
-            self.real.step({"uav": torch.tensor([[action]])})
+            self.real.drive({"uav": torch.tensor([[action]])}, begin=False)
             self.time += dt
         return self
 
