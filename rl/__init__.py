@@ -12,7 +12,7 @@ import taichi_sim as _taichi_sim  # noqa: F401  its settings of OpenMP count bef
 _NAMES = {
     "rl.adapters.batched": "BatchedEnv",
     "rl.adapters.gymnasium": "TeamEnv TeamVectorEnv",
-    "rl.evaluation.judge": "Judge",
+    "rl.judge": "Judge",
     "rl.learn.policy": "load_policy",
     "rl.mission": "Endings Mission",
     "rl.missions": "load_scenario make_mission",

@@ -2,7 +2,7 @@
 
 from rl.adapters.batched import BatchedEnv
 from rl.adapters.gymnasium import TeamEnv, TeamVectorEnv
-from rl.evaluation.judge import Judge
+from rl.judge import Judge
 from rl.learn.policy import load_policy
 from rl.mission import Endings, Mission
 from rl.missions import load_scenario, make_mission

@@ -4,22 +4,22 @@ A scenario file names its mission (`mission = "formation"`, a package of rl/miss
 class derives from `Mission`, names the class of its `Team`s (rl/team.py), which own all else, and implements `begin`.
 Data of a team are torch tensors [env, vehicle, ...]. One decision has these phases:
 
-    act       actions are checked; nothing has moved yet
-    move      the world steps; then what is no vehicle (targets, bodies)
+    act       actions are checked, policies act; vehicle actions are made of theirs; nothing has moved yet
+    move      the world steps; then everything that is not a vehicle (targets, bodies)
     truth     errors, gaps, contacts, as they are
-    judge     endings and rewards, by the truth
+    judge     endings and rewards, by the truth, finite whatever happened to a state
     begin     environments that ended begin anew: a sea, a time and a wind are drawn, `begin` places vehicles, `truth`
-    perceive  sense (instruments, cameras), exchange (messages), conclude (what each vehicle knows)
+    perceive  instruments are read, sensors and cameras look      once, for all environments
+    exchange  messages
+    conclude  what each vehicle knows
     observe   named terms, by what is known
 
-`step` ends with `judge`; adapters then `reset` environments. Perception follows when somebody first asks what a team
-knows or observes, at the latest before the next step: once a decision, for environments that go on and for those that
-have begun anew. Whoever asks before a reset has the last observations of an episode.
+`step` does all of it, in this order, and returns rewards, endings and the next observations.
 """
 
 import inspect
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import reduce
 from operator import or_
 from pathlib import Path
@@ -31,29 +31,29 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
-from rl.evaluation.judge import Judge
-from rl.perception.due import BEGINS, GOES_ON, Due
+from rl.judge import Judge
 from rl.scenario import Scenario, derive_seed
-from rl.step import COLLIDED, DIVERGED, Endings, Step
-from rl.team import ControllerError, Team
+from rl.step import BEGINS, COLLIDED, DIVERGED, GOES_ON, Due, Endings, Step, VehicleActions
+from rl.team import Action, ControllerError, Policy, Team, refuse_moved
 from taichi_sim.config.arguments import Envs, environments, names, whole_number
 from taichi_sim.config.base import number, span
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import Noise
 from taichi_sim.kernels.rotation import level_states
-from taichi_sim.state.divergence import Divergence, NotFiniteError
+from taichi_sim.state.divergence import Divergence
 from taichi_sim.state.snapshot import Stateful
 from taichi_sim.visualisation.recording.episode import Episode, Scene
 from taichi_sim.visualisation.recording.overlays import Overlay
 from taichi_sim.world import World
 
-__all__ = ["COLLIDED", "DIVERGED", "ControllerError", "Endings", "Frame", "Histories", "History", "Mission", "Step",
-           "Team"]  # fmt: skip
+__all__ = ["COLLIDED", "DIVERGED", "ControllerError", "Endings", "Frame", "Histories", "History", "Mission", "Policy",
+           "Step", "Team", "VehicleActions"]  # fmt: skip
 
 OWNED = ("observe", "reward", "endings", "plan_cost", "log", "info", "controller")
 MOVED = {name: "a team owns it: write it in a class derived from Team, named by `Team`" for name in OWNED} | {
     "controller": "a team owns it: write `make_controller` in a class derived from Team, named by `Team`",
-    "measure": "write `move` for what is no vehicle, `truth` for what is measured",
+    "measure": "write `move` for everything that is not a vehicle, `truth` for what is measured",
+    "sense": "it is called `perceive`",
     "measure_again": "write `truth`, which is called for environments that begin, too",
 }
 """Names of methods that a mission must not have, and what to write instead."""
@@ -100,12 +100,12 @@ class Mission(Stateful, Generic[C, T]):
     """A mission in `num_envs` environments; see the module.
 
     Class attributes: `Config`, the scenario class, derived from `Scenario`; `Teams`, name -> class of a team; `Team`,
-    that of all others; `Judge`, which measures its evaluation (rl/evaluation/judge.py); `make_world`, its world.
+    that of all others; `Judge`, which measures its evaluation (rl/judge.py); `make_world`, its world.
 
     Attributes:
         config: the scenario. world: the simulated world. teams: name -> Team, of the teams that take part.
         steps: int64 [env], decisions since the episode began. generator: source of all random draws of episodes.
-        noise: counter of the random numbers of sensors and radio. due: environments of the phases `move` and `truth`.
+        noise: counter of the random numbers of sensors and radio. due: environments of the phase that runs.
         device: where tensors live.
     """
 
@@ -140,19 +140,17 @@ class Mission(Stateful, Generic[C, T]):
         self.generator = self.share(torch.Generator().manual_seed(derive_seed(seed, "episodes")))
         self.steps = self.remember(torch.zeros(num_envs, dtype=torch.int64, device=self.device))
         self.noise = self.remember(Noise(num_envs, derive_seed(seed, "sensors")))
-        self._which = self.scratch(torch.zeros(num_envs, dtype=torch.int32, device=self.device))
-        # environments whose vehicles have not perceived yet
-        self._unperceived = self.remember(torch.zeros_like(self._which))
-        self._stale = self.share(False)  # whether there are any
-        self.due = Due(self._which, 0, self.steps, self.noise.table)
+        which = torch.zeros(num_envs, dtype=torch.int32, device=self.device)
+        self.due = self.scratch(Due(which, 0, self.steps, self.noise.table))
         self._all = torch.arange(num_envs, device=self.device)
         self.teams: dict[str, T] = self.remember(
             self.make_teams([name for name in self.world.teams if name not in self.world.scripts])
         )
         self.prepare()
-        self._reset(self._all, None, {})
+        self._begin(self._all)
         self.make(self.made())
-        self.divergence = self.remember(Divergence(self, self.world, self.device))
+        self.divergence = self.remember(Divergence(self, self.world, self.steps))
+        self._perceive()
 
     def _alike(self, num_envs: int) -> "Mission":
         """Another mission of the same scenario, seed, teams and vehicles."""
@@ -171,9 +169,7 @@ class Mission(Stateful, Generic[C, T]):
     def __init_subclass__(cls) -> None:
         """Refuse a method that a team owns, or that has another name."""
         super().__init_subclass__()
-        for name, now in MOVED.items():
-            if name in cls.__dict__:
-                raise TypeError(f"{cls.__name__}.{name}: {now} (rl/mission.py, rl/team.py)")
+        refuse_moved(cls, MOVED)
 
     def __repr__(self) -> str:
         """Scenario, number of environments, time in the episodes, acting teams, sea."""
@@ -200,17 +196,17 @@ class Mission(Stateful, Generic[C, T]):
         raise NotImplementedError
 
     def move(self, due: Due) -> None:
-        """Move what is no vehicle, after the world has stepped."""
+        """Move everything that is not a vehicle, after the world has stepped."""
 
     def truth(self, due: Due) -> None:
         """Measure what is, where it is `due`: after a step, and where an episode has begun. Default: each team's."""
         for team in self.teams.values():
             team.truth(due)
 
-    def sense(self, due: Due) -> None:
-        """Read instruments and look. Default: each team's `sense`."""
+    def perceive(self, due: Due) -> None:
+        """Read instruments and look. Default: each team's `perceive`."""
         for team in self.teams.values():
-            team.sense(due)
+            team.perceive(due)
 
     def exchange(self, due: Due) -> None:
         """Send and receive messages. Default: each team's `exchange`."""
@@ -282,19 +278,82 @@ class Mission(Stateful, Generic[C, T]):
 
     # -- what every mission has ------------------------------------------------------------------------------------
 
-    def step(self, actions: Mapping[str, Tensor | ArrayLike]) -> Step:
-        """Advance one decision interval; `actions[team]` [env, vehicle, action] in [-1, 1] are actions of the vehicle
-        models.
+    @runtime.torch_at_rest()
+    def step(
+        self,
+        actions: Mapping[str, Action | Policy],
+        *,
+        begin: bool = True,
+        last: bool = False,
+        observe: Iterable[str] | None = None,
+        judged: Callable[[Step], object] | None = None,
+    ) -> Step:
+        """Take one decision in every environment; environments whose episode ends begin anew.
+
+        Args:
+            actions: team -> actions of its policy [env, vehicle, `Team.action_names`] in [-1, 1], or a policy, which
+                acts when all given actions have been checked. `VehicleActions` are those of the vehicle model instead.
+            begin: whether environments begin anew; otherwise they go on as they are.
+            last: whether to return the last observations of episodes, too.
+            observe: teams that are observed. Default: all.
+            judged: is called with the rewards and endings before any environment begins anew.
 
         Raises:
             ValueError: for a wrong shape or an action that is not finite; nothing has moved then.
         """
-        with runtime.torch_at_rest():
-            return self._step(actions)
+        taken, teams = self.act(actions), self.teams if observe is None else tuple(observe)
+        gone = self._move(self.world.advance(taken))
+        step = self._judge(gone)
+        if judged is not None:
+            judged(step)
+        rows, final = step.over.nonzero().flatten(), None
+        if last and len(rows):
+            self._perceive()
+            final = self.observations(teams)
+        if begin and len(rows):
+            self.divergence.begin(rows)
+            self._begin(rows)
+            if final is None:  # those that go on are to perceive, too
+                self.due.which.clamp_(min=GOES_ON)
+                self._are_due(self.num_envs)
+        if begin or final is None:
+            self._perceive()
+        return step._replace(observations=self.observations(teams), last=final)
 
-    def _step(self, actions: Mapping[str, Tensor | ArrayLike]) -> Step:
-        self.perceive()
-        gone = self._go_on(self.world.step(actions))
+    def drive(self, actions: Mapping[str, Tensor | ArrayLike], *, begin: bool = True) -> Step:
+        """`step` by actions of the vehicle models, team -> [env, vehicle, `Vehicle.action_names`] in [-1, 1]."""
+        return self.step({name: VehicleActions(values) for name, values in actions.items()}, begin=begin)
+
+    def act(self, actions: Mapping[str, Action | Policy]) -> dict[str, Tensor]:
+        """Vehicle actions of each team for the `actions` of `step`.
+
+        Raises:
+            ValueError: for a wrong shape or an action that is not finite; no policy has acted then.
+        """
+        teams, given = self.teams, self.world.by_team(actions)
+        checked = {
+            name: teams[name].checked(action) if name in teams else self.world.checked_action(name, action)
+            for name, action in given.items() if not callable(action)
+        }  # fmt: skip
+        acted = {name: policy(teams[name]) for name, policy in given.items() if callable(policy)}
+        checked |= {name: teams[name].checked(action) for name, action in acted.items()}
+        return {name: teams[name].taken(checked[name]) if name in teams else checked[name] for name in given}
+
+    def _move(self, taken: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        """Count a decision after which vehicles have moved by the actions `taken`, move everything else, and measure
+        the truth; flags [env, vehicle] of vehicles that have diverged, by team.
+        """
+        self.steps += 1
+        for name, team in self.teams.items():
+            team.previous_action, team.action = team.action, taken[name]
+        gone = self.divergence.gone()
+        self.noise.tick()
+        self._all_are(GOES_ON)
+        self.move(self.due)
+        self.truth(self.due)
+        return gone
+
+    def _judge(self, gone: Mapping[str, Tensor]) -> Step:
         ended = {name: team.ended() for name, team in self.teams.items()}
         reward = {name: team.paid(ended[name]) for name, team in self.teams.items()}
         if bool(self.divergence.envs.any()):
@@ -303,33 +362,23 @@ class Mission(Stateful, Generic[C, T]):
         truncated = (self.steps >= self.config.episode_steps) & ~terminated
         return Step(reward, ended, terminated, truncated)
 
-    def _go_on(self, taken: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """Count a decision after which vehicles have moved by the actions `taken`, move what is no vehicle, and measure
-        what is; flags [env, vehicle] of vehicles that have diverged, by team.
-        """
-        self.steps += 1
-        for name, team in self.teams.items():
-            team.previous_action, team.action = team.action, taken[name]
-        gone = self.divergence.gone()
-        self.noise.tick()
-        self._unperceived.fill_(GOES_ON)
-        self._stale = True
-        self._which.fill_(GOES_ON)
-        self.due = self._due(self._which, self.num_envs)
-        self.move(self.due)
-        self.truth(self.due)
-        return gone
+    def _perceive(self) -> None:
+        self.perceive(self.due)
+        self.exchange(self.due)
+        self.conclude(self.due)
+
+    def observations(self, teams: Iterable[str] | None = None) -> dict[str, Tensor]:
+        """What the vehicles of `teams` (default: all) observe now: team -> [env, vehicle, n], fresh tensors."""
+        return {name: self.teams[name].observations() for name in (self.teams if teams is None else teams)}
 
     def follow(self, states: Mapping[str, Tensor], actions: Mapping[str, Tensor] | None = None) -> None:
         """Take the `states` of vehicles that move elsewhere (rl/adapters/pilot), by team, [env, vehicle, 13]. Contact
         with decks follows from them.
 
-        With `actions`, by which they have moved, a decision interval has passed: as `step`, but the world does not
+        With the vehicle `actions` by which they have moved, a decision has passed: as `step`, but the world does not
         move, and nobody is judged. Without, episodes begin there.
         """
         with runtime.torch_at_rest():
-            if actions is not None:
-                self.perceive()
             for name, state in states.items():
                 fleet = self.world.teams[name]
                 fleet.state.copy_(state)
@@ -338,30 +387,22 @@ class Mission(Stateful, Generic[C, T]):
             if actions is None:
                 self.measure_anew()
             else:
-                self._go_on(actions)
+                self._move(actions)
+                self._perceive()
 
-    def _due(self, which: Tensor, count: int) -> Due:
-        return Due(which, count, self.steps, self.noise.table)
+    def _all_are(self, which: int) -> None:
+        """Make all environments due."""
+        self.due.which.fill_(which)
+        self._are_due(self.num_envs)
 
-    def perceive(self) -> None:
-        """Sense, exchange messages and conclude, where that has not been done since the last step or reset."""
-        if not self._stale:
-            return
-        self._stale = False  # first: the phases ask what is known
-        due = self._due(self._unperceived, int(self._unperceived.count_nonzero()))
-        if due.count:
-            self.sense(due)
-            self.exchange(due)
-            self.conclude(due)
-            self._unperceived.zero_()
+    def _are_due(self, count: int) -> None:
+        self.due = Due(self.due.which, count, self.steps, self.noise.table)
 
     def measure_anew(self) -> None:
-        """Measure everywhere, as if episodes began, after somebody has written states."""
-        self._unperceived.fill_(BEGINS)
-        self._stale = True
-        self._which.fill_(BEGINS)
-        self.due = self._due(self._which, self.num_envs)
+        """Measure and perceive everywhere, as if episodes began, after somebody has written states."""
+        self._all_are(BEGINS)
         self.truth(self.due)
+        self._perceive()
 
     def _end_diverged(self, ended: dict[str, Endings], reward: dict[str, Tensor], gone: Mapping[str, Tensor]) -> None:
         """End the episodes of environments that were put to rest for all vehicles, with a reward of -1 for those that
@@ -375,25 +416,6 @@ class Mission(Stateful, Generic[C, T]):
             if name in gone:
                 reward[name] = reward[name].masked_fill(gone[name], -1.0)
         self.divergence.envs = torch.zeros_like(self.divergence.envs)
-
-    def finite(self, values: Tensor, about: Callable[[], str], again: Callable[[], Tensor]) -> Tensor:
-        """Return `values` [env, ...], finite: where they are not, their environment is put to rest, and they are
-        computed `again`.
-
-        Raises:
-            NotFiniteError: if they still are not finite; `about` says what they are.
-        """
-        if math.isfinite(values.sum()) or bool(values.isfinite().all()):
-            return values
-        self.divergence.rest(~values.isfinite().flatten(1).all(1), f"{about()} is not finite")
-        values = again()
-        if not bool(values.isfinite().all()):
-            raise NotFiniteError(
-                f"{about()} is not finite in environments "
-                f"{(~values.isfinite().flatten(1).all(1)).nonzero().flatten().tolist()[:5]}, though the state of all "
-                f"vehicles is: the fault is in what {type(self).__name__} computes"
-            )
-        return values
 
     @runtime.torch_at_rest()
     def reset(self, envs: Envs | None = None, *, seas: Tensor | None = None, **where: Tensor) -> None:
@@ -414,9 +436,11 @@ class Mission(Stateful, Generic[C, T]):
             inspect.signature(self.begin).bind(rows, **where)  # a TypeError before anything moves
         if len(rows):
             self.divergence.begin(rows)
-            self._reset(rows, drawn, where)
+            self._begin(rows, drawn, **where)
+            self._perceive()
 
-    def _reset(self, envs: Tensor, seas: Tensor | None, where: dict[str, Tensor]) -> None:
+    def _begin(self, envs: Tensor, seas: Tensor | None = None, **where: Tensor) -> None:
+        """Begin episodes in environments `envs` [n], and measure the truth there."""
         n = len(envs)
         self.steps[envs] = 0
         drawn = self.draw(self.world.sea.num_seas, n)
@@ -424,10 +448,9 @@ class Mission(Stateful, Generic[C, T]):
         begin = torch.rand(n, generator=self.generator, dtype=torch.float64) * TIME_SPAN
         self.world.time[envs] = begin.to(self.device)
         self.world.renew(envs)
-        self._which.zero_()
-        self._which[envs] = self._unperceived[envs] = BEGINS
-        self._stale = True
-        self.due = self._due(self._which, n)
+        self.due.which.zero_()
+        self.due.which[envs] = BEGINS
+        self._are_due(n)
         self.begin(envs, **where)
         for team in self.teams.values():
             team.action = team.action.index_fill(0, envs, 0.0)  # not in place: it may be a caller's tensor
@@ -441,6 +464,13 @@ class Mission(Stateful, Generic[C, T]):
                 m/s.
         """
         self.world.place(team, envs, level_states(place, heading, surge))
+
+    def scatter(self, team: str, envs: Tensor, within: float) -> None:
+        """Place the vehicles of a team in environments `envs` [n], at rest, anywhere within `within` (m) north and east
+        of the origin, heading anywhere, for `begin`.
+        """
+        draw = torch.rand((len(envs), self.teams[team].fleet.count, 3), generator=self.generator)
+        self.place(team, envs, within * (2 * draw[..., :2] - 1), 2 * math.pi * draw[..., 2])
 
     def reseed(self, seed: int) -> None:
         """Make the draws of later resets depend on `seed` alone; the seas and what `prepare` made stay."""

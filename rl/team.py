@@ -3,28 +3,32 @@
 A mission names the class of its teams. It derives from `Team` and implements `observe` and `reward`; every other method
 has a default here. The mission calls, phase by phase (rl/mission.py), and the team answers:
 
-    truth     errors and gaps of its vehicles, as they are
+    commanded   vehicle actions, of a policy's
+    truth       errors and gaps of its vehicles, as they are
     endings, reward, log, info     by the truth
-    sense     instruments and cameras        conclude     what its vehicles know
-    observe   named terms, by what they know
+    perceive    instruments and cameras        exchange     messages        conclude     what its vehicles know
+    observe     named terms, by what they know
 
 Observation terms are named: `observe` returns an ordered dictionary. Checkpoints and exported policies store names and
 widths. A policy refuses observations other than those of its training, and names the difference (learn/policy.py).
 """
 
+import math
 from collections.abc import Callable, Mapping
 from itertools import chain
 from typing import ClassVar, Generic, Protocol, TypeVar, cast
 
 import torch
+from numpy.typing import ArrayLike
 from torch import Tensor
 
-from rl.perception.due import Due
 from rl.scenario import Scenario
-from rl.step import COLLIDED, DIVERGED, Endings
+from rl.step import COLLIDED, DIVERGED, Due, Endings, VehicleActions
 from taichi_sim.config import TeamConfig
+from taichi_sim.config.arguments import checked_action
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
+from taichi_sim.state.divergence import Divergence
 from taichi_sim.state.memory import Remembers
 from taichi_sim.vehicle import Vehicle
 from taichi_sim.world import World
@@ -33,6 +37,13 @@ S = TypeVar("S", bound=TeamConfig)
 
 Controller = Callable[..., Tensor]
 """A classical controller: what a team knows (`Team.known`) -> actions [env, vehicle, action] in [-1, 1]."""
+
+
+Action = VehicleActions | Tensor | ArrayLike
+"""Actions of a team's policy [env, vehicle, `action_names`] in [-1, 1], or of its vehicles."""
+
+Policy = Callable[["Team"], Action]
+"""Decides for a team, by what its vehicles know and observe."""
 
 
 class ControllerError(RuntimeError):
@@ -51,18 +62,26 @@ class Host(Protocol):
     num_envs: int
     steps: Tensor
     """int64 [env], decisions since the episode began."""
-
-    def perceive(self) -> None:
-        """Make what teams know current."""
-        ...
-
-    def finite(self, values: Tensor, about: Callable[[], str], again: Callable[[], Tensor]) -> Tensor:
-        """Values that are finite, or computed `again` after their environments were put to rest."""
-        ...
+    divergence: Divergence
+    """Environments that end because something in them is not finite."""
 
 
 M = TypeVar("M", bound=Host)
+MOVED = {
+    "sense": "it is called `perceive`",
+    "knowledge": "it is called `known`",
+    "command": "write `commanded`; `Mission.step` takes the actions of policies",
+}
+"""Names that a team must not have, and what to write instead."""
 FLOATS = torch.float32, torch.float64
+OBSERVATION = "observation"
+
+
+def refuse_moved(kind: type, moved: Mapping[str, str]) -> None:
+    """Refuse a class with an attribute of another name or place now, as `moved` says."""
+    for name, now in moved.items():
+        if name in kind.__dict__:
+            raise TypeError(f"{kind.__name__}.{name}: {now} (rl/mission.py, rl/team.py)")
 
 
 class Team(Remembers, Generic[M, S]):
@@ -76,12 +95,17 @@ class Team(Remembers, Generic[M, S]):
     Attributes:
         mission: the mission. name: of the team. section: the team's section of the scenario. fleet: the vehicles.
         action, previous_action: [env, vehicle, action] of the last two steps, zero at the start of an episode.
-        ordered: velocity command [env, vehicle, axes] (NED, m/s) of the last `command`, where a policy corrects one.
+        ordered: velocity command [env, vehicle, axes] (NED, m/s) of the last step, where a policy corrects one.
     """
 
     logged: ClassVar[tuple[str, ...]] = ()
     meanings: ClassVar[Mapping[str, str]] = {}
     ordered: Tensor | None = None
+
+    def __init_subclass__(cls) -> None:
+        """Refuse what has another name."""
+        super().__init_subclass__()
+        refuse_moved(cls, MOVED)
 
     def __init__(self, mission: M, name: str):
         """Make team `name` of a mission whose world exists."""
@@ -104,7 +128,14 @@ class Team(Remembers, Generic[M, S]):
     def truth(self, due: Due) -> None:
         """Measure what is: errors, gaps, contacts."""
 
-    def sense(self, due: Due) -> None:
+    def commanded(self, action: Tensor) -> Tensor:
+        """Vehicle actions [env, vehicle, a] of a policy's actions [env, vehicle, `action_names`].
+
+        Default: the same.
+        """
+        return action
+
+    def perceive(self, due: Due) -> None:
         """Read instruments and look. Writes nothing that another team knows."""
 
     def exchange(self, due: Due) -> None:
@@ -149,16 +180,10 @@ class Team(Remembers, Generic[M, S]):
 
         Default: the team itself, which is the ground truth.
         """
-        self.mission.perceive()
-        return self.knowledge
-
-    @property
-    def knowledge(self) -> object:
-        """Where `known` lies, as it was when the vehicles last perceived; a team that measures overrides this."""
         return self
 
     def ended(self) -> Endings:
-        """All endings of the last step: the team's, those of its vehicles, and where they are no vehicles any more."""
+        """All endings of the last step: the team's, the vehicle model's, and divergence."""
         vehicle, own = self.fleet.model.endings(self.fleet, self.mission.world), self.endings()
         for name, flags in own.items():
             self._checked(f"endings()[{name!r}]", flags, "bool [env, vehicle]", 2, torch.bool)
@@ -204,19 +229,28 @@ class Team(Remembers, Generic[M, S]):
         """`reward`, finite."""
         reward = self.reward(ended)
         self._checked("reward()", reward, "float [env, vehicle]", 2, *FLOATS)
-        return self.mission.finite(reward, lambda: f"the reward of {self.name!r}", lambda: self.reward(ended))
+        return self.finite(reward, "the reward")
 
     def infos(self) -> dict[str, Tensor]:
         """`info`, finite."""
         told = self.info()
         for key, value in told.items():
             self._checked(f"info()[{key!r}]", value, "[env, vehicle]", 2)
-        return {
-            key: self.mission.finite(
-                value, lambda key=key: f"{key!r} of {self.name!r}", lambda key=key: self.info()[key]
-            )
-            for key, value in told.items()
-        }
+        return {key: self.finite(value, repr(key)) for key, value in told.items()}
+
+    def finite(self, values: Tensor, what: str) -> Tensor:
+        """`values` [env, vehicle, ...] where they are finite, else 0; there the episode ends as diverged.
+
+        Raises:
+            NotFiniteError: where an episode has just begun and no state explains it.
+        """
+        if math.isfinite(values.sum()) or bool((right := values.isfinite()).all()):
+            return values
+        if what == OBSERVATION:
+            column = int((~right).flatten(0, -2).any(0).nonzero()[0])
+            what = f"{what} {self.observation_names[column].partition('.')[0]!r}"
+        self.mission.divergence.rest(~right.flatten(1).all(1), f"{what} of {self.name!r} is not finite")
+        return torch.where(right, values, 0.0)
 
     @property
     def controller(self) -> Controller | None:
@@ -243,26 +277,29 @@ class Team(Remembers, Generic[M, S]):
         """Names of the policy's actions, each in [-1, 1]."""
         return self.fleet.model.action_names
 
-    def command(self, action: Tensor) -> Tensor:
-        """Vehicle actions [env, vehicle, a] for policy actions [env, vehicle, `action_names`]; finite if these are.
+    def checked(self, given: Action) -> Tensor | VehicleActions:
+        """Actions as `taken` wants them: tensors in run precision, clipped to [-1, 1].
 
-        Callers convert a policy's actions by this method before `Mission.step`.
+        Raises:
+            ValueError: for a wrong shape, or an action that is not finite.
         """
-        self.mission.perceive()
+        if isinstance(given, VehicleActions):
+            return VehicleActions(self.mission.world.checked_action(self.name, given.values))
+        rows = (self.mission.num_envs, self.fleet.count)
+        return checked_action(given, self.name, self.action_names, rows, self.fleet.state.dtype)
+
+    def taken(self, action: Tensor | VehicleActions) -> Tensor:
+        """Vehicle actions [env, vehicle, a] of the team for those of a policy, or for its own, as `checked`."""
+        if isinstance(action, VehicleActions):
+            return action.values
         taken = self.commanded(action)
-        if taken is action or not bool(action.isfinite().all()):
+        if taken is action:
             return taken
-        return self.mission.finite(taken, lambda: f"the command of {self.name!r}", lambda: self.commanded(action))
+        return self.mission.world.checked_action(self.name, self.finite(taken, "the command"))
 
-    def commanded(self, action: Tensor) -> Tensor:
-        """Compute `command`. Default: the same. What is not finite in `action` must stay so."""
-        return action
-
-    def classical(self, controller: Controller) -> Tensor:
-        """Vehicle actions [env, vehicle, a], finite, of a classical controller that acts on what the team knows."""
-        return self.mission.finite(
-            controller(self.known), lambda: f"the classical command of {self.name!r}", lambda: controller(self.known)
-        )
+    def classical(self, controller: Controller) -> VehicleActions:
+        """Actions, finite, of a classical controller that acts on what the team knows."""
+        return VehicleActions(self.finite(controller(self.known), "the classical command"))
 
     @property
     def plan_names(self) -> tuple[str, ...]:
@@ -296,8 +333,7 @@ class Team(Remembers, Generic[M, S]):
     def observations(self) -> Tensor:
         """All terms of `observe` side by side [env, vehicle, n], finite: a fresh tensor each time."""
         with runtime.torch_at_rest():
-            self.mission.perceive()
-            return self.mission.finite(self.observations_now(), self._about_observations, self.observations_now)
+            return self.finite(self.observations_now(), OBSERVATION)
 
     def observations_now(self) -> Tensor:
         """Compute `observations`, a fresh tensor."""
@@ -306,20 +342,11 @@ class Team(Remembers, Generic[M, S]):
             self._checked(f"observe()[{term!r}]", value, "float [env, vehicle, n]", 3, *FLOATS)
         return torch.cat(list(terms.values()), dim=-1)
 
-    def _about_observations(self) -> str:
-        """What is observed and not finite, for a message."""
-        seen = self.observations_now()
-        bad = (~seen.isfinite()).flatten(0, -2).any(0).nonzero().flatten().tolist()
-        return f"observation {self.observation_names[bad[0]].partition('.')[0]!r} of {self.name!r}"
-
     @property
     def privileged(self) -> Tensor | None:
         """Privileged information for a critic in training, [env, vehicle, n], a fresh tensor; None: there is none."""
         truth = self.truth_now()
-        if truth is None:
-            return None
-        again = cast(Callable[[], Tensor], self.truth_now)
-        return self.mission.finite(truth, lambda: f"privileged information of {self.name!r}", again)
+        return None if truth is None else self.finite(truth, "privileged information")
 
     def truth_now(self) -> Tensor | None:
         """Compute `privileged`. Default: None."""

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Self
+from typing import Self, TypeVar
 
 import torch
 from numpy.typing import ArrayLike
@@ -47,6 +47,7 @@ from taichi_sim.vehicle import UnstableStepError, Vehicle
 APART = 8.0  # collision radii between neighbours of a team that no mission has placed; assumed
 OFF_UNIT = 1e-3  # tolerated difference of a quaternion's norm from 1
 FEW = 32  # environments that are placed at once and whose surroundings are kept; assumed
+A = TypeVar("A")
 _vehicles: Mapping[str, Vehicle] = {}  # of the world of which a copy is being made, by team
 
 
@@ -259,15 +260,22 @@ class World(Stateful):
             ProgramError: if Taichi runs in another precision or on another architecture than when the world was made,
                 or somebody else has ended its program.
         """
-        checked = self.checked(actions)
+        return self.advance(self.checked(actions))
+
+    def advance(self, actions: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+        """`step` under actions that have been `checked`."""
+        self.let_scripts_act(actions)
+        self._advance(actions)
+        return actions
+
+    def let_scripts_act(self, actions: dict[str, torch.Tensor]) -> None:
+        """Add the actions of teams with a script, where there are none."""
         for name, script in self.scripts.items():
-            if name not in checked:
-                checked[name] = self._checked(name, script(self), f"the script of {name}")
-        self._advance(checked)
-        return checked
+            if name not in actions:
+                actions[name] = self.checked_action(name, script(self), f"the script of {name}")
 
     def _advance(self, checked: dict[str, torch.Tensor]) -> None:
-        """Make a step under actions that are right."""
+        """Make a step under the actions of all teams."""
         self._check_seas()
         self.sea.phases(self.env_sea, self.time, out=self._phase)
         before, touch = {}, {}
@@ -288,12 +296,20 @@ class World(Stateful):
         Raises:
             ValueError: if `step` would refuse them.
         """
+        return {name: self.checked_action(name, action) for name, action in self.by_team(actions).items()}
+
+    def by_team(self, actions: Mapping[str, A] | None) -> Mapping[str, A]:
+        """`actions`, if there is an entry for each team without a script and none for a team that does not exist.
+
+        Raises:
+            ValueError: if not.
+        """
         given = {} if actions is None else actions
         if not isinstance(given, Mapping):
             raise ActionError(f"actions are a {type(given).__name__}, expected is a dictionary by team")
         if not self.teams.keys() - self.scripts.keys() <= set(given) <= self.teams.keys():
             raise ActionError(f"actions are for {sorted(given)}, expected one tensor for each of {sorted(self.teams)}")
-        return {name: self._checked(name, action) for name, action in given.items()}
+        return given
 
     def _move(self, actions: Mapping[str, torch.Tensor]) -> None:
         """Step all vehicles; those with legs after those with decks."""
@@ -470,7 +486,7 @@ class World(Stateful):
             elevation[env, vehicle] = self.elevation(env, place[:, :1], place[:, 1:2]).squeeze(1)
         return elevation
 
-    def _checked(self, team: str, given: ArrayLike | torch.Tensor, by: str | None = None) -> torch.Tensor:
+    def checked_action(self, team: str, given: ArrayLike | torch.Tensor, by: str | None = None) -> torch.Tensor:
         """The actions of a team as `step` takes them; `by` says who gave them."""
         fleet = self.teams[team]
         size, names = (self.num_envs, fleet.count), fleet.model.action_names

@@ -91,11 +91,11 @@ def test_actions_of_any_type_and_size_are_clipped(given):
         (None, "cannot be read"),
         (np.zeros((1, 2, 2), bool), "torch.bool: real numbers"),
         (np.zeros((1, 2, 2), complex), "real numbers"),
-        ([[[0, 0], [0, np.inf]]], "'yaw' of vehicle 1 in environment 0 is inf"),
+        ([[[0, 0], [0, np.inf]]], "'yaw' of usv_1 in environment 0 is inf"),
         (np.ma.masked_array(np.zeros((1, 2, 2)), [[[0, 1], [0, 0]]]), "some entries are masked: fill them"),
         (torch.zeros(1, 2, 2).to_sparse(), "a dense tensor"),
         (torch.zeros(1, 2, 2).to(torch.float8_e4m3fn), "a dense tensor of 16 bits or more"),
-        ([[[np.nan, 0], [0, 0]]], "'surge' of vehicle 0 in environment 0 is nan"),
+        ([[[np.nan, 0], [0, 0]]], "'surge' of usv_0 in environment 0 is nan"),
     ],
 )
 def test_other_actions_are_refused_by_name(given, told):

@@ -39,6 +39,10 @@ def test_the_mission_is_trained_evaluated_recorded_and_judged_by_its_own_figures
     assert (folder / "run" / "episode.rrd").is_file()
 
 
+def test_an_adapter_steps(folder):
+    assert re.search(r"\(24, 65\) mean reward -?\d\.\d+", printed("rows.py", cwd=folder))
+
+
 @pytest.mark.slow
 def test_the_mission_learns(folder):
     """Vehicles that begin 50 m away on average end within 25 m."""

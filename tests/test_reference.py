@@ -30,7 +30,7 @@ def test_the_contracts_of_missions_are_there():
     contracts = {
         "rl.mission",
         "rl.team.Team",
-        "rl.evaluation.judge.Judge",
+        "rl.judge.Judge",
         "rl.scenario.Scenario",
         "rl.planning.planner.Planner",
     }

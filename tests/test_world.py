@@ -64,7 +64,7 @@ class TestTeams:
             (
                 {"usv": np.array([[[0, 0]], [[0, np.nan]], [[0, 0]]])},
                 ActionError,
-                "'yaw' of vehicle 0 in environment 1",
+                "'yaw' of usv_0 in environment 1",
             ),
         ],
     )
@@ -107,7 +107,7 @@ class TestTeams:
             with pytest.raises(ActionError, match="actions are"):
                 world.step(wrong)
         assert not acted
-        with pytest.raises(ActionError, match="the script of usv: usv action 'acceleration' of vehicle 0 .* is nan"):
+        with pytest.raises(ActionError, match="the script of usv: usv action 'acceleration' of usv_0 .* is nan"):
             world.step({"uav": np.zeros((3, 1, 3))})
         for path, value in world.snapshot().values.items():
             assert torch.equal(value, before[path]) if isinstance(value, torch.Tensor) else value == before[path], path

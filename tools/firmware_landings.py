@@ -340,8 +340,8 @@ def land(
         envs=count,
     )  # fmt: skip
     policies = others("classical", mission, [(name, 0)])
-    mission.step({team: policies[team](of) for team, of in mission.teams.items()})  # compiles, before anybody waits
-    mission.perceive()
+    acting = {team: policies[team] for team in mission.teams}
+    mission.step(acting, begin=False, observe=())  # compiles, before anybody waits
     mission.begin_each()
     parameters = PARAMETERS | (PRECISION if args.precision else {})
     limit, dt, far = config.episode_steps, config.decision_interval, config.landing.distance[1]
@@ -363,12 +363,11 @@ def land(
         time = 0.0
         while station.sessions:
             try:
-                step = mission.step({team: policies[team](of) for team, of in mission.teams.items()})
+                step = mission.step(acting, begin=False, observe=())
             except SilentError as error:
                 silent = next(flights[session] for session in station.sessions if session.craft.ready)
                 told = f"{error}.{silent.last()}"
                 raise ConfigError(f"--autopilot {args.autopilot}: no ArduPilot? {told}") from None
-            mission.perceive()
             time += dt
             deck, distance = mission.aircraft.deck, mission.aircraft.distance[:, 0].tolist()
             place, moves, boats = (

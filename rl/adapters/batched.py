@@ -9,7 +9,8 @@ Each dictionary has one entry for each team that acts. Vehicle 0 is the leader.
     truncated     bool [env, vehicle]: the episode is over for another reason: its time is up, or the episode of another
                   vehicle of any team ended
     infos         name -> [env, vehicle]: the mission's infos (`distance`, m, from the slot) and the reasons why
-                  vehicles ended, at the end of the step and before any reset
+                  vehicles ended, at the end of the step and before a new episode begins
+    last          the observations with which episodes ended, where `step` is asked for them and some have
 
 The episode of an environment is over for all its vehicles at once: when its time is up or when any vehicle's episode
 ends.
@@ -17,7 +18,7 @@ ends.
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -25,18 +26,15 @@ from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 from torch import Tensor
 
-from rl.mission import Mission, Team
+from rl.mission import Mission, Policy, Team, VehicleActions
 from rl.missions import load_scenario, make_mission
 from rl.runs.folder import CONFIG, RunError, load_config
 from rl.scenario import Scenario
-from taichi_sim.config.arguments import ActionError, Envs, checked_action, environments, numbers, whole_number
+from taichi_sim.config.arguments import ActionError, Envs, environments, numbers, whole_number
 from taichi_sim.config.explain_errors import nearly
 from taichi_sim.config.io import find_config
 from taichi_sim.config.plugins import is_plugin
 from taichi_sim.kernels import runtime
-
-if TYPE_CHECKING:  # rsl-rl doubles the time to import: only a frozen policy needs it
-    from rl.learn.policy import Policy
 
 ByTeam = dict[str, Tensor]
 ABSENT = "absent"
@@ -54,14 +52,15 @@ class Stepped(NamedTuple):
     terminated: ByTeam
     truncated: ByTeam
     infos: dict[str, dict[str, Tensor]]
+    last: ByTeam | None = None
 
 
 class BatchedEnv:
     """`num_envs` environments that step together; the module describes the tensors.
 
-    With `autoreset`, an environment whose episode is over resets in the same step and returns the first observations of
-    its next episode. Without it, the environment returns the last observations of its episode and waits for
-    `reset(envs=...)`.
+    With `autoreset`, an environment whose episode is over begins anew in the same step and returns the first
+    observations of its next episode; `step(..., last=True)` returns the last ones of the episode, too. Without
+    `autoreset`, the environment returns these and waits for `reset(envs=...)`.
 
     The constructor's seed determines the worlds (courses, obstacles, seas, starts). `reset(seed=...)` determines which
     of them the following episodes use. The same two seeds, `num_envs` and actions give the same bits.
@@ -69,7 +68,7 @@ class BatchedEnv:
     Attributes:
         mission: the simulated mission (rl/mission.py).
         num_envs: number of environments. device: where tensors live.
-        vehicles: team -> number of vehicles, for the teams that act.
+        vehicles: team -> number of vehicles, for the teams that act. over: bool [env], episodes that are over.
         observation_names, action_names: team -> names. num_states: width of `state`.
     """
 
@@ -80,7 +79,7 @@ class BatchedEnv:
         num_envs: int = 1,
         *,
         teams: str | Sequence[str] | None = None,
-        others: Mapping[str, str | Path] | None = None,
+        others: Mapping[str, str | Path] | str | Path | None = None,
         overrides: Iterable[str] = (),
         seed: int | None = None,
         autoreset: bool = True,
@@ -94,7 +93,7 @@ class BatchedEnv:
                 and that `others` does not name.
             others: team -> policy: "absent" (not simulated), "constant" (every command 0), "classical", a source
                 of rl/learn/policy_sources.py ("pretrained", "FILE.onnx", a run's folder), or a checkpoint in a run's
-                folder. A team that neither `teams` nor `others` names is absent.
+                folder. One such policy is for all that `teams` does not name. A team that neither names is absent.
             overrides: KEY=VALUE each.
             seed: of the worlds; default the scenario's.
             autoreset: described above.
@@ -114,15 +113,15 @@ class BatchedEnv:
         self.num_envs, self.autoreset, self.device = num_envs, autoreset, self.mission.device
         self._acting = {name: self.mission.teams[name] for name in acting}
         self._others = {
-            name: policy_of_other(others[name], team, config, f"others[{name!r}]")
+            name: policy_of_other(others[name], team, config)
             for name, team in self.mission.teams.items()
             if name not in acting
         }
         self.vehicles = {name: team.fleet.count for name, team in self._acting.items()}
         self.action_names = {name: team.action_names for name, team in self._acting.items()}
         self.observation_names = {name: team.observation_names for name, team in self._acting.items()}
-        self._over = torch.zeros(num_envs, dtype=torch.bool, device=self.device)  # over and not yet reset
-        self._observe()
+        self.over = torch.zeros(num_envs, dtype=torch.bool, device=self.device)
+        self._observed = self.mission.observations(self._acting)
         self.num_states = self.state().shape[1]
 
     @runtime.torch_at_rest()
@@ -140,18 +139,18 @@ class BatchedEnv:
                 numbers that may be meant as a mask (`mask.bool()` is one). Nothing has begun.
         """
         seed = None if seed is None else whole_number(seed, "seed")
-        begun = torch.ones_like(self._over)
+        begun = torch.ones_like(self.over)
         if envs is not None:
             begun = torch.zeros_like(begun).index_fill_(0, environments(envs, self.num_envs), True)
         if seed is not None:
             self.mission.reseed(seed)
         self.mission.reset(begun)
-        self._over = self._over & ~begun
-        return self._observe()
+        self.over = self.over & ~begun
+        self._observed = self.mission.observations(self._acting)
+        return self.observations
 
-    @runtime.torch_at_rest()
-    def step(self, actions: Mapping[str, Tensor | np.ndarray]) -> Stepped:
-        """Take one decision in every environment.
+    def step(self, actions: Mapping[str, Tensor | np.ndarray], *, last: bool = False) -> Stepped:
+        """Take one decision in every environment; with `last`, return the last observations of episodes, too.
 
         Raises:
             ValueError: if a team is missing or unknown, or an action has a wrong shape or is not finite. Nothing has
@@ -159,25 +158,35 @@ class BatchedEnv:
             ResetNeeded: if an episode is over and autoreset is off.
             ProgramError: if another Taichi program runs than when the environments were made.
         """
-        if self._over.any():
-            raise ResetNeeded(f"the episodes of environments {self._over.nonzero().squeeze(1).tolist()} are over")
-        given, mission = self._checked(actions), self.mission
-        joint = {name: policy(mission.teams[name]) for name, policy in self._others.items()}
-        joint |= {name: team.command(given[name]) for name, team in self._acting.items()}
-        step = mission.step(joint)
-        over = step.terminated | step.truncated
+        if self.over.any():
+            raise ResetNeeded(f"the episodes of environments {self.over.nonzero().squeeze(1).tolist()} are over")
+        return self.decide(actions, last=last)
+
+    def decide(self, actions: Mapping[str, Tensor | np.ndarray], *, last: bool = False) -> Stepped:
+        """`step`, also where episodes are over."""
+        if not isinstance(actions, Mapping) or set(actions) != set(self._acting):
+            given = sorted(actions) if isinstance(actions, Mapping) else type(actions).__name__
+            raise ActionError(f"actions are for {given}, expected is one tensor for each of {[*self._acting]}")
+        infos: dict[str, dict[str, Tensor]] = {}
+        step = self.mission.step(
+            {**self._others, **actions}, begin=self.autoreset, last=last, observe=self._acting,
+            judged=lambda _: infos.update(self.infos()),
+        )  # fmt: skip
+        self._observed = step.observations
         terminated = {name: step.endings[name].any.clone() for name in self._acting}
-        truncated = {name: over.unsqueeze(1) & ~ended for name, ended in terminated.items()}
+        truncated = {name: step.over.unsqueeze(1) & ~ended for name, ended in terminated.items()}
         infos = {
-            name: {key: value.clone() for key, value in (team.infos() | dict(step.endings[name])).items()}
-            for name, team in self._acting.items()
+            name: told | {key: flags.clone() for key, flags in step.endings[name].items()}
+            for name, told in infos.items()
         }
+        if not self.autoreset:
+            self.over = step.over
         rewards = {name: step.reward[name].clone() for name in self._acting}
-        if self.autoreset:
-            mission.reset(over)
-        else:
-            self._over = over
-        return Stepped(self._observe(), rewards, terminated, truncated, infos)
+        return Stepped(self.observations, rewards, terminated, truncated, infos, step.last)
+
+    def infos(self) -> dict[str, dict[str, Tensor]]:
+        """The mission's infos now, by team: name -> [env, vehicle] (copies)."""
+        return {name: {key: value.clone() for key, value in of.infos().items()} for name, of in self._acting.items()}
 
     @runtime.torch_at_rest()
     def state(self) -> Tensor:
@@ -197,35 +206,21 @@ class BatchedEnv:
         """The current observations (copies)."""
         return {name: observed.clone() for name, observed in self._observed.items()}
 
-    def _observe(self) -> ByTeam:
-        """Observe; return copies, which a caller may write to."""
-        self._observed = {name: team.observations() for name, team in self._acting.items()}
-        return self.observations
-
-    def _checked(self, actions: Mapping[str, Tensor | np.ndarray]) -> ByTeam:
-        if not isinstance(actions, Mapping) or set(actions) != set(self._acting):
-            given = sorted(actions) if isinstance(actions, Mapping) else type(actions).__name__
-            raise ActionError(f"actions are for {given}, expected is one tensor for each of {[*self._acting]}")
-        return {
-            name: checked_action(
-                actions[name], name, self.action_names[name], (self.num_envs, self.vehicles[name]), team.action.dtype,
-                f"{name}_",
-            )
-            for name, team in self._acting.items()
-        }  # fmt: skip
-
 
 def _parts(
-    config: Scenario, teams: str | Sequence[str] | None, others: Mapping[str, str | Path]
+    config: Scenario, teams: str | Sequence[str] | None, others: Mapping[str, str | Path] | str | Path
 ) -> tuple[list[str], Mapping[str, str | Path]]:
     """The acting teams in the order of the scenario, and the policies of the others.
 
     Raises:
         ValueError: if a team does not exist, is scripted or is named twice, or if no team acts.
     """
+    allowed = [name for name in config.teams if name not in config.scripted]
+    if isinstance(others, str | Path):
+        named = allowed if teams is None else [teams] if isinstance(teams, str) else teams
+        others = {name: others for name in allowed if name not in named}
     if not isinstance(others, Mapping):
         raise ValueError(f"others = {others!r}: a dictionary is expected, team -> {OTHERS}")
-    allowed = [name for name in config.teams if name not in config.scripted]
     if teams is None:
         teams = [name for name in config.trained or allowed if name not in others]
     acting = [teams] if isinstance(teams, str) else list(teams)
@@ -249,10 +244,8 @@ def _check_commanded(config: Scenario, argument: str, name: str, allowed: Sequen
         raise ValueError(f"{argument}: there is no team {name!r}{hint}; allowed are {', '.join(allowed)}")
 
 
-def policy_of_other(other: str | Path, team: Team, config: Scenario, argument: str = "other") -> "Policy":
+def policy_of_other(other: str | Path, team: Team, config: Scenario) -> Policy:
     """The policy of a simulated `team` that does not learn, by its name in OTHERS (any but "absent").
-
-    `argument` is the name of the argument `other` in error messages.
 
     Raises:
         ValueError: if `other` is not in OTHERS, or its policy is for another vehicle.
@@ -261,9 +254,9 @@ def policy_of_other(other: str | Path, team: Team, config: Scenario, argument: s
         CheckpointError: if a file cannot be used, or its policy has other observations.
     """
     if other == "constant":
-        return lambda team: torch.zeros_like(team.action)
+        return lambda team: VehicleActions(torch.zeros_like(team.action))
     if other == "classical":
-        from rl.learn.policy import ClassicalPolicy
+        from rl.learn.policy import ClassicalPolicy  # rsl-rl doubles the time to import
 
         policy: Policy = ClassicalPolicy()
     elif str(other) == "pretrained" or str(other).endswith(".onnx") or is_plugin(str(other)):
@@ -271,19 +264,17 @@ def policy_of_other(other: str | Path, team: Team, config: Scenario, argument: s
 
         policy = policies_from([str(other)], config, [team.name])[team.name]
     else:
-        policy = _trained_policy(Path(other), team.name, config, argument)
-    given, taken = policy(team).shape[-1], len(team.fleet.model.action_names)
-    if given != taken:
-        raise ValueError(f"{argument} = {str(other)!r}: its policy gives {given} actions, a {team.name} takes {taken}")
+        policy = _trained_policy(Path(other), team.name, config)
+    team.checked(policy(team))  # it fits
     return policy
 
 
-def _trained_policy(path: Path, team: str, config: Scenario, argument: str) -> "Policy":
+def _trained_policy(path: Path, team: str, config: Scenario) -> Policy:
     """The newest policy of `team` in run folder `path`, or the policy of checkpoint `path`."""
     from rl.learn.policy import TrainedPolicy, checkpoints
 
     if not path.exists():
-        raise ValueError(f"{argument} = {str(path)!r}: no such choice, folder or file; allowed are {OTHERS}")
+        raise ValueError(f"others[{team!r}] = {str(path)!r}: no such choice, folder or file; allowed are {OTHERS}")
     run, saved = (path, checkpoints(path / team)) if path.is_dir() else (path.resolve().parent.parent, [path])
     trained = load_config(run)[0] if path.is_dir() or (run / CONFIG).is_file() else config
     stage = trained.stage_of(team)

@@ -19,25 +19,22 @@ limit the time of an episode themselves (`episode_duration`), so no TimeLimit is
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TypedDict, Unpack
 
 import gymnasium
 import numpy as np
 import torch
-from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
-from rl.adapters.batched import policy_of_other
+from rl.adapters.batched import BatchedEnv
 from rl.adapters.render import MODES, Pictures, frames_per_second
-from rl.mission import Mission, Step
-from rl.missions import load_scenario, make_mission
-from taichi_sim.config.arguments import ActionError, checked_action, numbers, whole_number
-from taichi_sim.config.io import find_config
+from rl.mission import Mission
+from taichi_sim.config.arguments import ActionError, numbers, whole_number
 from taichi_sim.kernels import runtime
 
 Options = dict[str, np.ndarray]
@@ -100,40 +97,36 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             ValueError: if an argument is wrong.
             ConfigError, RunError, CheckpointError: if a file cannot be used.
         """
-        self.num_envs, self.team = whole_number(num_envs, "num_envs", 1), team
-        seed = None if seed is None else whole_number(seed, "seed")
         self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self._env = BatchedEnv(
+            scenario, num_envs, teams=team, others=other, overrides=overrides, seed=seed,
+            autoreset=self.autoreset_mode is AutoresetMode.SAME_STEP,
+        )  # fmt: skip
+        self.num_envs, self.team, config = self._env.num_envs, team, self.task.config
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-
-        config, source = load_scenario(scenario, overrides), find_config(scenario)
         if max_episode_steps is not None:
             seconds = max_episode_steps * config.decision_interval
             raise ValueError(
                 f"max_episode_steps = {max_episode_steps}: episodes end by the scenario's time: give "
                 f"overrides=['episode_duration={seconds:g}'], s"
             )
-        commanded = [name for name in config.teams if name not in config.scripted]
-        if team not in commanded:
-            raise ValueError(f"team = {team!r}: allowed are {', '.join(commanded)}")
-        teams = (team,) if other == "absent" else tuple(commanded)
-        worlds_seed = config.seed if seed is None else seed
-        self.task: Mission = make_mission(config, num_envs, seed=worlds_seed, teams=teams, source=source)
-        others = [rival for name, rival in self.task.teams.items() if name != team]
-        self._frozen = {rival.name: policy_of_other(other, rival, config) for rival in others}
-        self._ended = np.zeros(num_envs, dtype=bool)  # ended and not yet reset
-
         self.render_mode = render_mode
         self.metadata["render_fps"] = frames_per_second(config.decision_interval)
         self._pictures = Pictures(self.task, render_size, render_mode)
 
-        own = self.task.teams[team]
-        self._action_shape = (num_envs, own.fleet.count, len(own.action_names))
-        self.single_action_space = Box(-1.0, 1.0, (math.prod(self._action_shape[1:]),), np.float32)
-        self.single_observation_space = Box(-np.inf, np.inf, self._observe().shape[1:], np.float32)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        shape = self._env.vehicles[team], len(self._env.action_names[team])
+        self._action_shape = (self.num_envs, *shape)
+        self.single_action_space = Box(-1.0, 1.0, (math.prod(shape),), np.float32)
+        rows = _rows(self._env.observations[team])
+        self.single_observation_space = Box(-np.inf, np.inf, rows.shape[1:], np.float32)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
-    @runtime.torch_at_rest()
+    @property
+    def task(self) -> Mission:
+        """The simulated mission."""
+        return self._env.mission
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, np.ndarray] | None = None
     ) -> tuple[np.ndarray, Infos]:
@@ -147,13 +140,10 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         mask = self._reset_mask(options or {})
         seed = None if seed is None else whole_number(seed, "seed")
         super().reset(seed=seed)
-        if seed is not None:
-            self.task.reseed(seed)
-        self._restart(mask)
+        observations = self._env.reset(seed, envs=torch.from_numpy(mask))
         self._pictures.keep()
-        return self._observe(), _masked(self._info(), mask)
+        return _rows(observations[self.team]), _masked(self._env.infos()[self.team], mask)
 
-    @runtime.torch_at_rest()
     def step(self, actions: np.ndarray | Tensor) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Infos]:
         """Take one decision in every environment; `actions` is [num_envs, vehicles * a].
 
@@ -162,29 +152,26 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             ResetNeeded: if an episode ended and the mode is DISABLED.
             ProgramError: if another Taichi program runs than when the environments were made.
         """
-        if self.autoreset_mode is AutoresetMode.DISABLED and self._ended.any():
-            ended = self._ended.nonzero()[0].tolist()
-            raise ResetNeeded(f"the episodes of environments {ended} ended: reset them")
-        begins = self._ended  # these reset in this step and ignore their action
-        given = self._unstacked(actions, begins)
-        joint = {name: policy(self.task.teams[name]) for name, policy in self._frozen.items()}
-        joint[self.team] = self.task.teams[self.team].command(given)
-        step = self.task.step(joint)
-
-        terminated = _numpy(step.endings[self.team].any.any(dim=1)) & ~begins
-        truncated = _numpy(step.terminated | step.truncated) & ~terminated & ~begins
-        reward = np.where(begins, 0.0, _numpy(step.reward[self.team].mean(dim=1)).astype(np.float64))
-        infos = _masked(self._step_info(step), ~begins)
-        ended = terminated | truncated
-        self._ended = ended
-        if self.autoreset_mode is AutoresetMode.SAME_STEP:
-            infos |= self._final(step, ended)
-            self._restart(ended)
+        begins = np.zeros(self.num_envs, dtype=bool)  # these begin anew in this step and ignore their action
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
+            begins = _numpy(self._env.over)
+            stepped = self._env.decide({self.team: self._unstacked(actions, begins)})
+            if begins.any():
+                self._env.reset(envs=torch.from_numpy(begins))
         else:
-            self._restart(begins)
+            stepped = self._env.step({self.team: self._unstacked(actions, begins)}, last=self._env.autoreset)
         self._pictures.keep()
-        infos |= _masked(self._info(), np.ones(self.num_envs, dtype=bool))
-        return self._observe(), reward, terminated, truncated, infos
+
+        terminated = _numpy(stepped.terminated[self.team].any(1)) & ~begins
+        truncated = _numpy(stepped.truncated[self.team].any(1)) & ~terminated & ~begins
+        rewards = stepped.rewards[self.team]
+        reward = np.where(begins, 0.0, _numpy(rewards.mean(dim=1)).astype(np.float64))
+        told, now = {"reward_vehicle": rewards, **stepped.infos[self.team]}, self._env.infos()[self.team]
+        infos = _masked({key: value for key, value in told.items() if key not in now}, ~begins)
+        if stepped.last is not None:
+            infos |= _final(_rows(stepped.last[self.team]), told, terminated | truncated)
+        infos |= _masked(now, np.ones(self.num_envs, dtype=bool))
+        return _rows(self._env.observations[self.team]), reward, terminated, truncated, infos
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Pictures of all environments, uint8 [height, width, 3]; None unless the mode is "rgb_array"."""
@@ -193,13 +180,6 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def close_extras(self, **kwargs: object) -> None:
         """Close the window, if there is one."""
         self._pictures.close()
-
-    # -- reset -----------------------------------------------------------------------------------------------
-
-    def _restart(self, mask: np.ndarray) -> None:
-        """Begin new episodes where `mask` is true."""
-        self.task.reset(torch.from_numpy(mask))
-        self._ended = self._ended & ~mask
 
     def _reset_mask(self, options: Options) -> np.ndarray:
         if unknown := options.keys() - {"reset_mask"}:
@@ -211,38 +191,14 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise ValueError("reset_mask must be true somewhere")
         return mask.copy()
 
-    def _final(self, step: Step, ended: np.ndarray) -> Infos:
-        """Last observation and info of the environments that `ended`, before they reset."""
-        if not ended.any():
-            return {}
-        rows, final_obs = self._observe(), np.full(self.num_envs, None, dtype=object)
-        for env in ended.nonzero()[0]:
-            final_obs[env] = rows[env].copy()
-        final_info = _masked(self._step_info(step) | self._info(), ended)
-        masks = {"_final_obs": ended.copy(), "_final_info": ended.copy()}
-        return {"final_obs": final_obs, "final_info": final_info} | masks
-
-    # -- torch [env, vehicle, n] to NumPy [env, vehicle * n] and back ---------------------------------------
-
-    def _observe(self) -> np.ndarray:
-        return _numpy(self.task.teams[self.team].observations().flatten(1).to(torch.float32))
-
     def _unstacked(self, actions: np.ndarray | Tensor, ignored: np.ndarray) -> Tensor:
-        """Check actions and reshape them to [env, vehicle, a], with 0 in environments to be `ignored`."""
-        own, rows = self.task.teams[self.team], numbers(actions, "actions")
+        """Reshape actions to [env, vehicle, a], with 0 in environments to be `ignored`."""
+        rows = numbers(actions, "actions")
         if tuple(rows.shape) != self.action_space.shape:
             raise ActionError(f"actions have shape {tuple(rows.shape)}, expected {self.action_space.shape}")
         if ignored.any():
             rows = rows.masked_fill(torch.from_numpy(ignored).to(rows.device).unsqueeze(1), 0)
-        shape = self._action_shape
-        return checked_action(rows.reshape(shape), self.team, own.action_names, shape[:2], own.action.dtype)
-
-    def _step_info(self, step: Step) -> dict[str, np.ndarray]:
-        ends = {reason: _numpy(flags) for reason, flags in step.endings[self.team].items()}
-        return {"reward_vehicle": _numpy(step.reward[self.team])} | ends
-
-    def _info(self) -> dict[str, np.ndarray]:
-        return {key: _numpy(value) for key, value in self.task.teams[self.team].infos().items()}
+        return rows.reshape(self._action_shape)
 
 
 class TeamOptions(TypedDict, total=False):
@@ -318,13 +274,28 @@ def _numpy(values: Tensor) -> np.ndarray:
     return values.cpu().numpy().copy()
 
 
-def _masked(values: dict[str, np.ndarray], mask: np.ndarray) -> Infos:
+def _rows(observations: Tensor) -> np.ndarray:
+    """Observations [env, vehicle, n] as Gymnasium has them, float32 [env, vehicle * n]."""
+    return _numpy(observations.flatten(1).to(torch.float32))
+
+
+def _masked(values: Mapping[str, Tensor], mask: np.ndarray) -> Infos:
     """Gymnasium's infos: values [env, vehicle], 0 where `mask` [env] is false, and a mask for each key."""
     infos: Infos = {}
     for key, value in values.items():
-        infos[key] = np.where(mask[:, None], value, np.zeros_like(value))
+        row = _numpy(value)
+        infos[key] = np.where(mask[:, None], row, np.zeros_like(row))
         infos[f"_{key}"] = mask.copy()
     return infos
+
+
+def _final(rows: np.ndarray, told: Mapping[str, Tensor], ended: np.ndarray) -> Infos:
+    """Last observation and info of the environments that `ended`, before they began anew."""
+    final_obs = np.full(len(rows), None, dtype=object)
+    for env in ended.nonzero()[0]:
+        final_obs[env] = rows[env].copy()
+    masks = {"_final_obs": ended.copy(), "_final_info": ended.copy()}
+    return {"final_obs": final_obs, "final_info": _masked(told, ended)} | masks
 
 
 def _first_env(infos: Infos) -> Infos:

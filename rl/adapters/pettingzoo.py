@@ -94,8 +94,7 @@ class ParallelMission(ParallelEnv[str, np.ndarray, np.ndarray]):
         observations = self._env.reset(seed)
         self._pictures.keep()
         self.agents = self.possible_agents[:]
-        infos = {team: self.task.teams[team].infos() for team in self._env.vehicles}
-        return self._arrays(observations), self._infos(infos)
+        return self._arrays(observations), self._infos(self._env.infos())
 
     def step(
         self, actions: Mapping[str, np.ndarray]

@@ -96,7 +96,6 @@ class Pictures:
 
     def _moment(self, env: int) -> Moment:
         """The present moment of environment `env`, with trails."""
-        self.task.perceive()
         task, frame = self.task, self.task.frame(env)
         mission = {
             name: {key: value.detach().cpu().numpy()[None] for key, value in row.items()}

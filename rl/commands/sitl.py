@@ -131,7 +131,7 @@ def serve(args: argparse.Namespace) -> None:
         try:
             with runtime.torch_at_rest():
                 while not args.duration or count * config.decision_interval < args.duration - 1e-9:
-                    step = mission.step({name: policies[name](team) for name, team in mission.teams.items()})
+                    step = mission.step({name: policies[name] for name in mission.teams}, begin=False, observe=())
                     count += 1
                     touches = {(name, k): world.teams[name].touch for name, k in decks}
                     known -= {(*v, "landed") for v, of in touches.items() if of is not None and not of.on[0, v[1]]}

@@ -22,9 +22,9 @@ from pydantic import Field
 from rl.evaluation.episodes import mission_class
 from rl.evaluation.headroom import Array, Bound, bound_file, headroom, judge_on_bounds, read_levels, teams_beside
 from rl.evaluation.intervals import Interval, intervals, ratios
-from rl.evaluation.judge import Judge
 from rl.evaluation.store import plain
-from rl.learn.policy import Policy
+from rl.judge import Judge
+from rl.mission import Policy
 from rl.missions import load_scenario
 from rl.runs.folder import RunError, measured_files
 from rl.scenario import Scenario

@@ -9,16 +9,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from torch import Tensor
 from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
 from rl.evaluation.episodes import mission_class, one_episode_each, run_episodes
-from rl.evaluation.judge import Episodes, Judge, finite
-from rl.learn.policy import UNTRAINED, ClassicalPolicy, Policy, TrainedPolicy, checkpoints, load_policy
+from rl.judge import Episodes, Judge, finite
+from rl.learn.policy import UNTRAINED, ClassicalPolicy, TrainedPolicy, checkpoints, load_policy
 from rl.learn.policy_sources import given_policies
 from rl.learn.progress import CHECKUPS, HISTORY, read_rows, spent, write_rows
-from rl.mission import ControllerError, Mission, Team
+from rl.mission import ControllerError, Mission, Policy, Team, VehicleActions
 from rl.runs import ranks
 from rl.runs.folder import Figures
 from rl.scenario import Scenario, derive_seed
@@ -40,16 +39,17 @@ class _SideBySide:
             policy.check(team)
             policy.actor.to(team.fleet.state.device)
 
-    def __call__(self, team: Team) -> Tensor:
-        """Actions [env, vehicle, action]."""
+    def __call__(self, team: Team) -> VehicleActions:
+        """Actions of the vehicles."""
         copies, seen = len(self.learned) + self.classical, team.observations()
         wanted = seen.new_zeros((*seen.shape[:2], len(team.action_names)))
         for c, policy in enumerate(self.learned):
             wanted[c::copies] = policy.act(seen[c::copies])
-        taken = team.command(wanted).clone()
+        taken = team.taken(wanted).clone()
         if self.classical:
-            taken[copies - 1 :: copies] = ClassicalPolicy()(team)[copies - 1 :: copies]
-        return taken
+            classical = team.taken(team.checked(ClassicalPolicy()(team)))
+            taken[copies - 1 :: copies] = classical[copies - 1 :: copies]
+        return VehicleActions(taken)
 
 
 class _Plan(NamedTuple):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rl.evaluation.judge import Judge
+from rl.judge import Judge
 from rl.mission import Mission, Step
 from taichi_sim.config.io import replacing
 

@@ -1,6 +1,6 @@
 """Evaluation of controllers on held-out episodes: worlds, seas and starts that no training has used.
 
-Every environment runs one episode, and the mission's judge measures it (rl/evaluation/judge.py). Policies run on one
+Every environment runs one episode, and the mission's judge measures it (rl/judge.py). Policies run on one
 thread, so that the result does not depend on the number of threads. An episode depends on the whole chunk that runs
 beside it: repeating one episode means running its chunk again.
 """
@@ -15,9 +15,8 @@ from tqdm import tqdm
 
 from rl.evaluation.conditions import Conditions, conditions_of
 from rl.evaluation.episode_log import MAX_CRASHES, Crash, End, EpisodeLog, Excerpt
-from rl.evaluation.judge import Episodes, Judge
-from rl.learn.policy import Policy
-from rl.mission import Mission
+from rl.judge import Episodes, Judge
+from rl.mission import Mission, Policy
 from rl.missions import find_mission
 from rl.runs import ranks
 from rl.runs.folder import EvaluationResult
@@ -251,8 +250,7 @@ def run_episodes(
     """Run one episode in every environment of a freshly reset mission; return the judge of each team."""
     judges = {name: mission.Judge(mission, name) for name in mission.teams}
     for number in range(1, mission.config.episode_steps + 1):
-        step = mission.step({name: policies[name](team) for name, team in mission.teams.items()})
-        mission.perceive()
+        step = mission.step({name: policies[name] for name in mission.teams}, begin=False, observe=())
         if log is not None:
             log.see(judges, step, number)
         for judge in judges.values():

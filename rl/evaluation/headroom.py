@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from rl.evaluation.episodes import Trial, judge_episodes, judge_trials
 from rl.evaluation.intervals import Interval, paired
-from rl.evaluation.judge import Judge
-from rl.learn.policy import ClassicalPolicy, Policy
+from rl.judge import Judge
+from rl.learn.policy import ClassicalPolicy
+from rl.mission import Policy
 from rl.planning.planner import Planner
 from rl.scenario import Scenario
 from taichi_sim.config.io import config_folder

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rl.evaluation.judge import Episodes, Judge, finite
+from rl.judge import Episodes, Judge, finite
 
 RESAMPLES = 2000
 LEVEL = 0.95

@@ -15,8 +15,7 @@ from tqdm import tqdm
 
 from rl.evaluation.episode_log import event_of
 from rl.evaluation.episodes import Trial
-from rl.learn.policy import Policy
-from rl.mission import Mission, Step
+from rl.mission import Mission, Policy, Step
 from rl.runs.folder import RunError
 from rl.scenario import Scenario
 from taichi_sim.config.io import toml_text
@@ -67,7 +66,6 @@ class EpisodeReel:
     def add(self, step: Step) -> None:
         """Keep a frame: the world and the mission as they are now, after `step`."""
         self.recorder.add({name: team.action for name, team in self.mission.teams.items()})
-        self.mission.perceive()
         frame, rows = self.mission.frame(self.env), {}
         for name in self.mission.teams:
             row = {**frame.teams.get(name, {}), "reward": step.reward[name][self.env]}
@@ -151,7 +149,7 @@ def record_episode(
     events: list[Event] = []
     with runtime.torch_at_rest():
         for i in tqdm(range(steps), desc="record", unit="step", disable=not show_progress):
-            step = task.step({name: policies[name](team) for name, team in task.teams.items()})
+            step = task.step({name: policies[name] for name in task.teams}, begin=False, observe=())
             new = events_of(step, (i + 1) * config.decision_interval, known, task.Judge.goals, env)
             events += new
             if any(bool(ended["diverged"][env].any()) for ended in step.endings.values()):

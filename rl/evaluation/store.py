@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from rl.evaluation.conditions import Conditions
 from rl.evaluation.episode_log import Crash, End, Excerpt, load_log, save_log
 from rl.evaluation.episodes import EvaluationOutcome, mission_class, shown_numbers
-from rl.evaluation.judge import Judge
 from rl.evaluation.sweeps import FOLDER as SWEEPS
 from rl.evaluation.sweeps import JSON, SweepTable
+from rl.judge import Judge
 from rl.learn.progress import HISTORY, team_history
 from rl.mission import Histories
 from rl.runs import folder as run_folder

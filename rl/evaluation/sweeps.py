@@ -27,8 +27,9 @@ from tqdm import tqdm
 
 from rl.evaluation.episodes import judge_episodes, mission_class
 from rl.evaluation.intervals import Interval, differences, intervals
-from rl.evaluation.judge import Judge
-from rl.learn.policy import CheckpointError, Policy, checkpoints
+from rl.judge import Judge
+from rl.learn.policy import CheckpointError, checkpoints
+from rl.mission import Policy
 from rl.missions import find_mission, shipped
 from rl.runs import folder as run_folder
 from rl.runs import ranks

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from rl.evaluation.judge import SHARES
+from rl.judge import SHARES
 from rl.mission import Histories, History
 from taichi_sim.config.io import replacing
 from taichi_sim.visualisation.plotting import INK, dress, log_where_spread, moving_mean, new_figure, rgb

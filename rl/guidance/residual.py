@@ -8,8 +8,8 @@ from torch import Tensor
 
 from rl.guidance.avoidance import Shield, SlotController, Wanted
 from rl.guidance.knowledge import Knowledge
-from rl.perception.due import Due
 from rl.perception.sensors import Obstacle
+from rl.step import Due
 from rl.team import Controller, Team
 from taichi_sim.config import ConfigError, NonNegative, Positive, Strict
 from taichi_sim.config.plausible import Plausible
@@ -56,7 +56,7 @@ class ResidualTeam(Team):
     @property
     def known(self) -> Knowledge:
         """What the vehicles know."""
-        return cast(Knowledge, super().known)
+        return cast(Knowledge, self)
 
     def truth(self, due: Due) -> None:
         """Drop the controller's demand, for the world has moved."""
@@ -100,7 +100,7 @@ class ResidualTeam(Team):
         residual = self.residual
         if residual is None:
             return action
-        correction = action.clamp(-1.0, 1.0)
+        correction = action
         if residual.gate is not None:
             correction = correction * self._opened(residual.gate).unsqueeze(-1)
         wanted, pushed = self.wanted, self.pushed(residual.velocity * correction)
@@ -109,8 +109,7 @@ class ResidualTeam(Team):
         else:
             velocity = self._shield(self.known, wanted.velocity, pushed)
         self.ordered = velocity
-        taken = self.corrected.act(self.known, wanted._replace(velocity=velocity)).clamp(-1.0, 1.0)
-        return taken + (0.0 * action).sum(-1, keepdim=True)  # keeps NaN and inf, for kernels may lose them
+        return self.corrected.act(self.known, wanted._replace(velocity=velocity))
 
     @property
     def plan_names(self) -> tuple[str, ...]:

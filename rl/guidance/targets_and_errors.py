@@ -26,8 +26,8 @@ import torch
 from torch import Tensor
 
 from rl.guidance.course.tracks import Tracks, TrackSample, track_point
-from rl.perception.due import GOES_ON, NOT_DUE, Due
 from rl.perception.radio import Message
+from rl.step import GOES_ON, NOT_DUE, Due
 from taichi_sim.config import WorldConfig
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime

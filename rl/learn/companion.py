@@ -33,11 +33,11 @@ class Companion:
 
     def __call__(self, team: Team) -> Tensor:
         """Explore: sample actions [env, vehicle, action]."""
-        return self.env.commanded(self.runner.alg.act(self._observations))
+        return self.env.by_env(self.runner.alg.act(self._observations))
 
-    def take(self, step: LearnerStep) -> None:
-        """Store the result of the last actions; call this after the mission has reset."""
-        self.env.observe()
+    def take(self, step: LearnerStep, observations: Tensor) -> None:
+        """Store the result of the last actions, and the next `observations` [env, vehicle, n]."""
+        self.env.observed(observations)
         self._observations = self.env.get_observations()
         reward, dones, extras = step
         self.runner.alg.process_env_step(self._observations, reward, dones, {"time_outs": extras["time_outs"]})

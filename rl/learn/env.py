@@ -10,12 +10,10 @@ from rsl_rl.env import VecEnv
 from tensordict import TensorDict
 from torch import Tensor
 
-from rl.learn.policy import Policy
-from rl.mission import Mission, Step
-from taichi_sim.config.arguments import checked_action
+from rl.mission import Mission, Policy, Step
 
 Watch = Callable[[Mission, Step, Mapping[str, Mapping[str, Tensor]]], None]
-"""Called after each step and before the resets: the mission, the step, and the logs of each learning team."""
+"""Called after each step: the mission, the step, and the logs of each learning team."""
 
 
 class Extras(TypedDict):
@@ -45,8 +43,8 @@ class Learner(Protocol):
         """Continue from its last iteration."""
         ...
 
-    def take(self, step: LearnerStep) -> None:
-        """Store the result of its last actions."""
+    def take(self, step: LearnerStep, observations: Tensor) -> None:
+        """Store the result of its last actions, and the next observations [env, vehicle, n]."""
         ...
 
     def update(self) -> None:
@@ -95,7 +93,7 @@ class MissionEnv(VecEnv):
         self.max_episode_length = mission.config.episode_steps
         self.device = str(mission.device)
         self.cfg = mission.config.model_dump()
-        self.observe()
+        self.observed(own.observations())
         self.last: Step | None = None
         self.watch: Watch | None = None
         self.companions: list[Learner] = []
@@ -118,40 +116,36 @@ class MissionEnv(VecEnv):
             groups["truth"] = self._truth.flatten(0, 1)
         return TensorDict(groups, batch_size=[self.num_envs], device=self.device)
 
-    def commanded(self, actions: Tensor) -> Tensor:
-        """The vehicles' actions [env, vehicle, action] for the learner's actions [row, n]."""
-        own, shape = self.mission.teams[self.team], (self.mission.num_envs, self.vehicles)
-        given = actions.view(*shape, self.num_actions)
-        return own.command(checked_action(given, self.team, own.action_names, shape, own.action.dtype))
+    def by_env(self, actions: Tensor) -> Tensor:
+        """The learner's actions [row, n] as [env, vehicle, n]."""
+        return actions.view(self.mission.num_envs, self.vehicles, self.num_actions)
 
     def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, Extras]:
-        """Take one decision in every row and reset the environments whose episodes end (see the class)."""
-        mission, own = self.mission, self.commanded(actions)  # before other teams, whose policies may remember
-        joint = {name: policy(mission.teams[name]) for name, policy in self.frozen.items() if policy is not None}
-        joint[self.team] = own
-        self.last = step = mission.step(joint)
-        reward, dones, extras = self.learner_step(step)
-        others = [(companion, companion.env.learner_step(step)) for companion in self.companions]
+        """Take one decision in every row; environments whose episodes end begin anew (see the class)."""
+        others = {name: policy for name, policy in self.frozen.items() if policy is not None}
+        learners, results = [self, *(companion.env for companion in self.companions)], []
+        self.last = step = self.mission.step(
+            {**others, self.team: self.by_env(actions)},
+            observe=[learner.team for learner in learners],
+            judged=lambda step: results.extend(learner.learner_step(step) for learner in learners),
+        )
         if self.watch is not None:
-            logs = {companion.env.team: its_step.extras["log"] for companion, its_step in others}
-            self.watch(mission, step, {self.team: extras["log"], **logs})
-        mission.reset(step.terminated | step.truncated)
-        self.observe()
-        for companion, its_step in others:
-            companion.take(its_step)
-        return self.get_observations(), reward, dones, extras
+            logs = {learner.team: result.extras["log"] for learner, result in zip(learners, results, strict=True)}
+            self.watch(self.mission, step, logs)
+        self.observed(step.observations[self.team])
+        for companion, result in zip(self.companions, results[1:], strict=True):
+            companion.take(result, step.observations[companion.env.team])
+        return self.get_observations(), *results[0]
 
     def learner_step(self, step: Step) -> LearnerStep:
-        """The learner's view of `step`, before the mission resets."""
+        """The learner's view of `step`, before episodes begin anew."""
         own = self.mission.teams[self.team]
-        done_env = step.terminated | step.truncated
-        time_outs = done_env.unsqueeze(1) & ~step.endings[self.team].any
+        time_outs = step.over.unsqueeze(1) & ~step.endings[self.team].any
         reward = step.reward[self.team]
         log = {f"/{key}": value.float() for key, value in own.log(step.endings[self.team]).items()}
         extras: Extras = {"time_outs": time_outs.flatten().float(), "log": {"/reward": reward.mean(), **log}}
-        return LearnerStep(self.scale * reward.flatten(), done_env.repeat_interleave(self.vehicles).long(), extras)
+        return LearnerStep(self.scale * reward.flatten(), step.over.repeat_interleave(self.vehicles).long(), extras)
 
-    def observe(self) -> None:
-        """Update the team's observations."""
-        own = self.mission.teams[self.team]
-        self._observations, self._truth = own.observations(), own.privileged
+    def observed(self, observations: Tensor) -> None:
+        """Take the team's observations [env, vehicle, n], and its privileged information now."""
+        self._observations, self._truth = observations, self.mission.teams[self.team].privileged

@@ -43,7 +43,7 @@ class Improver(Planner):
     stakes: Tensor
 
     def __init__(self, config: PlanConfig, policy: Any, others: Mapping[str, Any] | None = None, *, seed: int = 0):
-        """Improve `policy`: it gives a team's actions [env, vehicle, `action_names`], before `Team.command`."""
+        """Improve `policy`: it gives a team's actions [env, vehicle, `Team.action_names`]."""
         super().__init__(config, others, seed=seed)
         self._policy = policy
 
@@ -62,7 +62,7 @@ class Improver(Planner):
         return len(team.action_names)
 
     def _action(self, team: Any, correction: Tensor) -> Tensor:
-        return team.command((self._policy(team) + correction).clamp(-1.0, 1.0))
+        return (self._policy(team) + correction).clamp(-1.0, 1.0)
 
     def _plan(self, team: Any, envs: Tensor) -> None:
         """Plan where the actions of the policy have an effect, beginning with no correction."""

@@ -5,7 +5,7 @@ import pickle
 import zipfile
 import zlib
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import torch
@@ -13,13 +13,10 @@ from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 from torch import Tensor
 
-from rl.mission import ControllerError, Team
+from rl.mission import ControllerError, Policy, Team, VehicleActions
 from rl.planning.planner import HonestPlanner, Planner
 from rl.scenario import Scenario, StageConfig
 from taichi_sim.config.io import replacing
-
-Policy = Callable[[Team], Tensor]
-"""A function from the mission's view of a team (rl.mission.Team) to actions [env, vehicle, action] in [-1, 1]."""
 
 UNREADABLE = (RuntimeError, EOFError, OSError, ValueError, LookupError, AttributeError, TypeError,
               pickle.UnpicklingError, zipfile.BadZipFile, zlib.error)  # fmt: skip
@@ -135,7 +132,7 @@ class TrainedPolicy:
             self.check(team)
             self.actor.to(team.fleet.state.device)
             self._fits = team
-        return team.command(self.act(team.observations()))
+        return self.act(team.observations())
 
     def check(self, team: Team) -> None:
         """Refuse a team whose observations or actions are not those of the training (`check_signature`)."""
@@ -187,8 +184,8 @@ def _difference(trained: Sequence[str], names: Sequence[str], team: str) -> str:
 class ClassicalPolicy:
     """A policy that acts by the team's classical controller (`Team.controller`)."""
 
-    def __call__(self, team: Team) -> Tensor:
-        """Actions [env, vehicle, action] in [-1, 1].
+    def __call__(self, team: Team) -> VehicleActions:
+        """Actions of the vehicles.
 
         Raises:
             ControllerError: if the team's vehicles have no classical controller.

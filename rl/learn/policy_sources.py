@@ -24,7 +24,8 @@ from onnx.reference import ReferenceEvaluator
 from onnx.reference.op_run import OpRun
 from torch import Tensor
 
-from rl.learn.policy import CheckpointError, Policy, check_signature, policies_of
+from rl.learn.policy import CheckpointError, check_signature, policies_of
+from rl.mission import Policy
 from rl.missions import load_scenario
 from rl.scenario import PRETRAINED, Scenario
 from rl.team import Team
@@ -116,7 +117,7 @@ class Network:
 
 
 class RowPolicy:
-    """A network or function of anybody's as a policy (rl.learn.policy.Policy); see the module.
+    """A network or function of anybody's as a policy (rl.team.Policy); see the module.
 
     Attributes:
         source: its name, for messages. named: whether it names what it observes.
@@ -143,7 +144,7 @@ class RowPolicy:
         if self._fits is not team:
             self.check(team, seen)
             self._fits = team
-        return team.command(self._act(team, seen).to(seen))
+        return self._act(team, seen).to(seen)
 
     def check(self, team: Team, seen: Tensor) -> None:
         """Refuse a team that this policy does not fit, and a policy that keeps state, by what it does with `seen`."""

@@ -25,9 +25,9 @@ from typing import NamedTuple
 import taichi as ti
 from torch import Tensor
 
-from rl.perception.due import GOES_ON, NOT_DUE, Due
 from rl.perception.radio import NEVER, Message, Radio, TalkPack, arrived, source
 from rl.perception.sightings import Sighting
+from rl.step import GOES_ON, NOT_DUE, Due
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.runtime import array1, array4, whole1
 from taichi_sim.state.memory import Remembers

@@ -11,10 +11,10 @@ from torch import Tensor
 
 from rl.perception.chart import AGE, EAST, KEEP, NORTH, P_PP, V_EAST, V_NORTH, Chart
 from rl.perception.contacts import ContactsConfig, TrackedContacts
-from rl.perception.due import NOT_DUE, Due
 from rl.perception.radio import NEVER
 from rl.perception.sensors import Nearby, Sight, insert, store_obstacle
 from rl.perception.sightings import Object
+from rl.step import NOT_DUE, Due
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.runtime import array1, array3, array4, whole1

@@ -19,9 +19,9 @@ from typing import Annotated, NamedTuple
 import taichi as ti
 from pydantic import Field
 
-from rl.perception.due import BEGINS, NOT_DUE, Due
 from rl.perception.instruments import InstrumentsConfig
 from rl.perception.sensors import Mate, Nearby, Obstacle, Sight, store_mate, store_obstacle
+from rl.step import BEGINS, NOT_DUE, Due
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.config.plausible import Plausible
 from taichi_sim.fleet import Views

@@ -22,7 +22,7 @@ from typing import Annotated, NamedTuple
 
 import taichi as ti
 
-from rl.perception.due import BEGINS, NOT_DUE, Due
+from rl.step import BEGINS, NOT_DUE, Due
 from taichi_sim.config import Fraction, NonNegative, Positive, Strict
 from taichi_sim.config.plausible import Plausible
 from taichi_sim.fleet import Fleet, Views

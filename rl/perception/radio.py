@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from torch import Tensor
 
-from rl.perception.due import BEGINS, GOES_ON, NOT_DUE, Due
+from rl.step import BEGINS, GOES_ON, NOT_DUE, Due
 from taichi_sim.config import Fraction, Positive, Strict
 from taichi_sim.config.plausible import Plausible
 from taichi_sim.kernels import runtime

@@ -16,7 +16,7 @@ import taichi as ti
 import torch
 
 from rl.guidance.course.obstacles import AWAY, BOTTOM, EAST, NORTH, RADIUS, ROWS, TOP, V_EAST, V_NORTH, Bodies
-from rl.perception.due import NOT_DUE, Due
+from rl.step import NOT_DUE, Due
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken

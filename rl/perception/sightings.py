@@ -35,8 +35,8 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
-from rl.perception.due import NOT_DUE, Due
 from rl.perception.instruments import InstrumentsConfig
+from rl.step import NOT_DUE, Due
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.config.plausible import Plausible
 from taichi_sim.fleet import Views

@@ -13,7 +13,7 @@ policy; what costs the team least is followed. So a plan is never worse in the m
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Annotated
 
 import torch
@@ -23,7 +23,8 @@ from torch import Tensor
 from rl.guidance.course.obstacles import AWAY, BOTTOM, CARRIED, EAST, NORTH, RADIUS, TOP, V_EAST, V_NORTH
 from rl.mission import Mission
 from rl.perception.sensors import Obstacle
-from rl.team import ControllerError, Team
+from rl.step import VehicleActions
+from rl.team import ControllerError, Policy, Team
 from taichi_sim.config import ConfigError, NonNegative, Positive, Strict
 from taichi_sim.config.plausible import Plausible
 from taichi_sim.kernels import runtime
@@ -69,10 +70,10 @@ class Planner:
     def __init__(
         self,
         config: PlanConfig | None = None,
-        others: Mapping[str, Callable[[Team], Tensor]] | None = None,
+        others: Mapping[str, Policy] | None = None,
         *,
         seed: int = 0,
-        proposal: Callable[[Team], Tensor] | None = None,
+        proposal: Policy | None = None,
     ):
         """Plan as `config` says, default: `[TEAM.plan]` of the scenario.
 
@@ -88,17 +89,22 @@ class Planner:
 
     # -- as a policy -----------------------------------------------------------------------------------------------
 
-    def __call__(self, team: Team) -> Tensor:
-        """Actions [env, vehicle, action] of the team's vehicles."""
+    def __call__(self, team: Team) -> VehicleActions:
+        """Actions of the team's vehicles."""
         start = time.perf_counter()
         with torch.no_grad():
             self.renew(team)
             action = team.planned(self.correction(), self._view(team))
             if self._proposal is not None and bool(self.follows_policy.any()):
-                action = torch.where(self.follows_policy.view(-1, 1, 1), self._proposal(team), action)
+                action = torch.where(self.follows_policy.view(-1, 1, 1), self._proposed(team), action)
         self._seconds += time.perf_counter() - start
         self._life += int(team.plannable.any(-1).sum()) * team.mission.config.decision_interval
-        return action
+        return VehicleActions(action)
+
+    def _proposed(self, team: Team) -> Tensor:
+        """Vehicle actions of the learned policy."""
+        assert self._proposal is not None
+        return team.taken(team.checked(self._proposal(team)))
 
     def renew(self, team: Team) -> None:
         """Plan anew where the last plan is as old as it may be, and could change something; once a decision."""
@@ -126,8 +132,7 @@ class Planner:
         return self._at(self._knots, decisions)
 
     def bind(self, team: Team) -> None:
-        """Prepare for the team's mission, unless the planner already has, and let it perceive."""
-        team.mission.perceive()
+        """Prepare for the team's mission, unless the planner already has."""
         if self._mission is team.mission:
             return
         mission = team.mission
@@ -205,10 +210,9 @@ class Planner:
         for k in range(self._steps):
             action = self._action(team, self._at(knots, k))
             if self._proposal is not None:
-                action = torch.where(own, self._proposal(team), action)
-            others = ((other, of) for other, of in model.teams.items() if other != name)
-            joint = {other: self._others.get(other, _classical)(of) for other, of in others}
-            step = model.step({**joint, name: action})
+                action = VehicleActions(torch.where(own, self._proposed(team), team.taken(action)))
+            others = {other: self._others.get(other, _classical) for other in model.teams if other != name}
+            step = model.step({**others, name: action}, begin=False, observe=())
             now = step.endings[name].any
             cost += team.plan_cost(now & ~ended)
             ended |= now
@@ -219,9 +223,9 @@ class Planner:
         """Number of values of each vehicle's correction."""
         return len(team.plan_names)
 
-    def _action(self, team: Team, correction: Tensor) -> Tensor:
-        """Actions [env, vehicle, action] in the model by a correction [env, vehicle, n]."""
-        return team.planned(correction)
+    def _action(self, team: Team, correction: Tensor) -> Tensor | VehicleActions:
+        """Actions in the model by a correction [env, vehicle, n]."""
+        return VehicleActions(team.planned(correction))
 
     def _view(self, team: Team) -> object:
         """Knowledge by which the controller acts: the team itself, which is the truth."""
@@ -272,9 +276,10 @@ def path_integral_mean(plans: Tensor, costs: Tensor, temperature: float = TEMPER
     return (weights[:, :, None, :, None] * plans).sum(1)
 
 
-def _classical(team: Team) -> Tensor:
-    """Actions [env, vehicle, a] of a team's classical controller; 0 without a controller."""
-    return torch.zeros_like(team.fleet.action) if team.controller is None else team.classical(team.controller)
+def _classical(team: Team) -> VehicleActions:
+    """Actions of a team's classical controller; 0 without a controller."""
+    controller = team.controller
+    return VehicleActions(torch.zeros_like(team.fleet.action)) if controller is None else team.classical(controller)
 
 
 class HonestPlanner(Planner):

@@ -8,12 +8,11 @@ from functools import partial
 from pathlib import Path
 
 import torch
-from torch import Tensor
 
 from rl.evaluation.episodes import mission_class
-from rl.learn.policy import ClassicalPolicy, Policy, load_policy
+from rl.learn.policy import ClassicalPolicy, load_policy
 from rl.learn.policy_sources import shipped_policies
-from rl.mission import Mission, Team
+from rl.mission import Mission, Policy, Team, VehicleActions
 from rl.scenario import PRETRAINED, Scenario, derive_seed
 from taichi_sim.applications.sitl.channels import changes_for
 from taichi_sim.applications.sitl.lockstep import LockstepWorld
@@ -94,9 +93,9 @@ def decks_for(mission: Mission, driven: Sequence[Vehicle]) -> dict[Vehicle, Vehi
     return dict(zip(legged, decks, strict=False))
 
 
-def idle(team: Team) -> Tensor:
-    """A policy of zero actions."""
-    return torch.zeros_like(team.fleet.action)
+def idle(team: Team) -> VehicleActions:
+    """A policy of zero actions of the vehicles."""
+    return VehicleActions(torch.zeros_like(team.fleet.action))
 
 
 def others(controller: str, mission: Mission, driven: Sequence[Vehicle]) -> Mapping[str, Policy]:

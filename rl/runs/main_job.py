@@ -20,10 +20,11 @@ from rl.evaluation.record import record_episode
 from rl.evaluation.report import write_report
 from rl.evaluation.store import FILM, save_evaluation, save_headroom
 from rl.learn.env import Watch
-from rl.learn.policy import UNTRAINED, Policy, load_policy, policies_of
+from rl.learn.policy import UNTRAINED, load_policy, policies_of
 from rl.learn.policy_sources import given_policies
 from rl.learn.progress import HISTORY, spent, team_history
 from rl.learn.stages import Observers, train_stages
+from rl.mission import Policy
 from rl.runs import folder as run_folder
 from rl.runs import ranks
 from rl.runs.folder import EvaluationResult, Summary

@@ -65,7 +65,7 @@ class EpisodeView:
 
 
 class TrainingView:
-    """Shows environment 0 of a training, which calls it after each step and before the resets."""
+    """Shows environment 0 of a training, which calls it after each step."""
 
     def __init__(self, live: Live) -> None:
         """Connect to a live view; the first step comes later."""
@@ -102,9 +102,11 @@ class TrainingView:
             self._roll(mission, dt)
         if self._rolling and self._reel is not None:
             reel = self._reel
-            reel.add(step)
+            if not ended:  # what is there now has begun anew
+                reel.add(step)
             over = ended or reel.now - self._from >= STAGE_S
-            if over or (self.live.like is not None and len(reel) * dt >= PIECE_S - 0.5 * dt):
+            piece = self.live.like is not None and len(reel) * dt >= PIECE_S - 0.5 * dt
+            if len(reel) and (over or piece):
                 self._show(reel)
             if over:
                 self._rolling = False

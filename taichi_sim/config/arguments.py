@@ -81,18 +81,13 @@ def numbers(given: object, what: str) -> Tensor:
 
 
 def checked_action(
-    given: object,
-    team: str,
-    names: Sequence[str],
-    shape: tuple[int, int],
-    dtype: torch.dtype,
-    vehicle: str = "vehicle ",
+    given: object, team: str, names: Sequence[str], shape: tuple[int, int], dtype: torch.dtype
 ) -> Tensor:
     """The actions of a team [env, vehicle, action] as a new tensor of `dtype`, clipped to [-1, 1].
 
     Args:
         given: these actions, any type of numbers. team: its name. names: of the actions. shape: (env, vehicle).
-        dtype: of the result. vehicle: what a message writes before the number of a vehicle.
+        dtype: of the result.
 
     Raises:
         ActionError: for a wrong shape, or a number that is not finite.
@@ -103,7 +98,7 @@ def checked_action(
     if not math.isfinite(action.sum()) and not (finite := action.isfinite()).all():  # a sum may overflow
         env, number, index = (~finite).nonzero()[0].tolist()
         raise ActionError(
-            f"{team} action {names[index]!r} of {vehicle}{number} in environment {env} is "
+            f"{team} action {names[index]!r} of {team}_{number} in environment {env} is "
             f"{action[env, number, index].item()}: actions must be finite"
         )
     return action.clamp(-1.0, 1.0).to(dtype).contiguous()

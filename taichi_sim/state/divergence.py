@@ -20,7 +20,7 @@ HUGE = 1e15  # beyond it a number is as good as not finite: its square would ove
 
 
 class NotFiniteError(FloatingPointError):
-    """A mission gives numbers that are not finite, though all that it computes them from is."""
+    """A mission computes numbers that are not finite, though all that it remembers is."""
 
 
 class Divergence(Remembers):
@@ -30,10 +30,13 @@ class Divergence(Remembers):
         envs: bool [env], those put to rest since the last step ended.
     """
 
-    def __init__(self, mission: Stateful, world: World, device: torch.device):
-        """Keep the numbers of environment 0 of a `mission` whose first episode has begun in `world`."""
-        self._mission, self._world = mission, world
-        self.envs = self.remember(torch.zeros(mission.num_envs, dtype=torch.bool, device=device))
+    def __init__(self, mission: Stateful, world: World, steps: Tensor):
+        """Keep the numbers of environment 0 of a `mission` whose first episode has begun in `world`.
+
+        `steps` int64 [env] are the decisions since an episode began.
+        """
+        self._mission, self._world, self._steps = mission, world, steps
+        self.envs = self.remember(torch.zeros_like(steps, dtype=torch.bool))
         self._found = checked(mission)
         self._rest = self.scratch({entry.path: entry.value[0].clone() for entry in self._numbers()})
         self._shown = [entry for entry in self._numbers() if bool(fine(self._rest[entry.path]).all())]
@@ -50,12 +53,22 @@ class Divergence(Remembers):
         ]  # fmt: skip
 
     def rest(self, envs: Tensor, cause: str) -> None:
-        """Put environments `envs`, bool [env], to rest, and end their episodes; a warning tells each `cause` once."""
+        """Put environments `envs`, bool [env], to rest, and end their episodes; a warning tells each `cause` once.
+
+        Raises:
+            NotFiniteError: where an episode has just begun and all that is remembered is finite: no state explains it.
+        """
+        mended, rows = torch.zeros_like(envs), envs.nonzero().flatten()
+        mended[rows] = self._mend(rows)
+        if bool((wrong := envs & ~mended & ~self.envs & (self._steps <= 1)).any()):
+            raise NotFiniteError(
+                f"{cause} in environments {wrong.nonzero().flatten().tolist()[:5]} as an episode begins, though the "
+                f"state of all vehicles is: the fault is in what {type(self._mission).__name__} computes"
+            )
         if cause not in self._told:
             self._told.add(cause)
             text = f"{cause} in environment {int(envs.nonzero()[0])}: its episode ends as diverged"
             warnings.warn(f"{text} (docs/troubleshooting.md; told once)", RuntimeWarning, stacklevel=2)
-        self._mend(envs.nonzero().flatten())
         self.envs = self.envs | envs
 
     def gone(self) -> dict[str, Tensor]:
@@ -82,9 +95,10 @@ class Divergence(Remembers):
         if not (low >= -HUGE and high <= HUGE):
             self._mend(envs)
 
-    def _mend(self, envs: Tensor) -> None:
-        """Replace what is not finite, or huge, in environments `envs` [n]."""
+    def _mend(self, envs: Tensor) -> Tensor:
+        """Replace what is not finite, or huge, in environments `envs` [n]; return in which, bool [n]."""
         self._found = walk(self._mission)  # controllers and loads may have been made since
+        mended = torch.zeros(len(envs), dtype=torch.bool, device=envs.device)
         for entry in self._numbers():
             value, rest = entry.value, self._rest.get(entry.path)
             rows = value.index_select(0, envs)
@@ -94,9 +108,11 @@ class Divergence(Remembers):
                 if 0 in value.stride():  # an expanded tensor cannot be written in part
                     entry.put(value := value.clone())
                 value[envs] = torch.where(kept, rows, rest)
+                mended |= ~kept.reshape(len(envs), -1).all(1)
         restored(self._found)
         for fleet in self._world.teams.values():
             fleet.update(envs)
+        return mended
 
 
 def fine(values: Tensor) -> Tensor:

@@ -42,9 +42,8 @@ def not_finite(config: Scenario) -> list[str]:
             for name, team in mission.teams.items()
             if name not in config.scripted
         }
-        done = mission.step(actions)
+        done = mission.drive(actions)
         look(f"of step {step}", {f"reward of {name}": reward for name, reward in done.reward.items()})
-        mission.reset(done.terminated | done.truncated)
     return found
 
 

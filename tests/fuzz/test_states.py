@@ -59,11 +59,11 @@ def go(mission: Mission, steps: int, generator: torch.Generator, reset: bool = T
         actions = {}
         for name, team in mission.teams.items():
             shape = (mission.num_envs, team.fleet.count, len(team.action_names))
-            actions[name] = team.command(0.6 * torch.rand(shape, generator=generator) - 0.3)
-        step = mission.step(actions)
+            actions[name] = 0.6 * torch.rand(shape, generator=generator) - 0.3
+        step = mission.step(actions, begin=False)
         found.append(given_away(mission, step))
         if reset:
-            mission.reset((step.terminated | step.truncated).nonzero().flatten())
+            mission.reset(step.over)
         logs = {
             f"{name} log {key}": value.reshape(1) for name, team in mission.teams.items()
             for key, value in team.log(step.endings[name]).items()

@@ -3,12 +3,12 @@
 import torch
 
 from rl.mission import Mission
-from rl.perception.due import GOES_ON, Due
+from rl.step import GOES_ON, Due
 from taichi_sim.kernels.random import Noise
 
 
 def due(envs: int, which: int = GOES_ON, *, step: int = 0, noise: Noise | None = None) -> Due:
-    """All of `envs` environments, `which` of due.py, after `step` decisions of their episodes."""
+    """All of `envs` environments, `which` of rl/step.py, after `step` decisions of their episodes."""
     draws = (noise or Noise(envs, 0)).table
     return Due(torch.full((envs,), which, dtype=torch.int32), envs, torch.full((envs,), step), draws)
 
@@ -26,6 +26,6 @@ def check_followed(moves: Mission, follows: Mission) -> None:
         seen = [mission.teams[name].observations() for mission in (moves, follows)]
         torch.testing.assert_close(seen[1], seen[0], rtol=0.0, atol=1e-5)
         action = {name: 2 * torch.rand(team.fleet.action.shape, generator=generator) - 1}
-        moves.step(action)
+        moves.drive(action, begin=False)
         follows.follow(moved, action)
     assert int(follows.steps) == 6

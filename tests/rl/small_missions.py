@@ -27,7 +27,6 @@ def begin(task: Formation, seed: int = 5) -> Formation:
     """Begin an episode in every environment, the same for the same seed."""
     task.reseed(seed)
     task.reset()
-    task.perceive()
     return task
 
 
@@ -48,8 +47,8 @@ def wander(task: Formation, steps: int, seed: int = 0, size: float = 1.0) -> Ste
     """Step with random actions; return the last step."""
     generator = torch.Generator().manual_seed(seed)
     for _ in range(steps):
-        step = task.step({n: size * (2 * torch.rand(s, generator=generator) - 1) for n, s in shapes(task).items()})
-        task.perceive()
+        actions = {n: size * (2 * torch.rand(s, generator=generator) - 1) for n, s in shapes(task).items()}
+        step = task.step(actions, begin=False)
     return step
 
 

@@ -42,8 +42,8 @@ def fly(task: Formation, team: str, seconds: float) -> tuple[Tensor, Tensor]:
     """Run; return the smallest gap [env, vehicle] on the way and the actions [step, env, vehicle, action]."""
     policy, gaps, actions = classical(team), [], []
     for _ in range(round(seconds / task.config.decision_interval)):
-        actions.append(policy(task.teams[team]))
-        task.step({team: actions[-1]})
+        actions.append(policy(task.teams[team]).values)
+        task.drive({team: actions[-1]}, begin=False)
         gaps.append(task.teams[team].sensor.gap.clone())
     return torch.stack(gaps).amin(0), torch.stack(actions)
 
@@ -62,7 +62,7 @@ def put(task: Formation, team: str, away: Tensor, heading: float = 0.0) -> None:
     state[..., 3:7] = torch_quaternion_from_euler(torch.zeros_like(psi), torch.zeros_like(psi), psi)
     state[..., 7] = task.config.track.target_speed
     task.world.place(team, torch.arange(task.num_envs), state)
-    task.step({team: torch.zeros_like(side.action)})  # so that everything is measured anew
+    task.drive({team: torch.zeros_like(side.action)}, begin=False)  # so that everything is measured anew
 
 
 # -- closed forms -------------------------------------------------------------------------------------------------
@@ -164,8 +164,8 @@ def test_decides_on_what_is_measured_now_alone(team):
     """No memory: a new controller in the middle of an episode acts as the old one."""
     task, policy = make(team, *SMALL), classical(team)
     for _ in range(5):
-        task.step({team: policy(task.teams[team])})
-    assert torch.equal(policy(task.teams[team]), classical(team)(task.teams[team]))
+        task.step({team: policy})
+    assert torch.equal(policy(task.teams[team]).values, classical(team)(task.teams[team]).values)
 
 
 @pytest.mark.parametrize("team", TEAMS)

@@ -45,8 +45,7 @@ def whole() -> Escort:
 def sail(mission: Escort, steps: int, each=None) -> None:
     policies = {name: ClassicalPolicy() for name in mission.teams}
     for _ in range(steps):
-        step = mission.step({name: policies[name](team) for name, team in mission.teams.items()})
-        mission.perceive()
+        step = mission.step(policies, begin=False)
         if each:
             each(step)
 
@@ -120,7 +119,6 @@ def test_who_sees_what():
     """At first nobody sees the vessel; aircraft find it, boats hear of it and know better than the cue said."""
     mission = escort("obstacles.moving=0")
     mission.begin_each()
-    mission.perceive()
     tracking = mission.tracking
     assert not bool(tracking.sees("usv").any())
     cue = (tracking.targets[:, 0, :2] - mission.vessel_place).norm(dim=-1)
@@ -291,7 +289,6 @@ def test_aircraft_measure_and_observe_what_plain_torch_does():
 def test_the_direction_to_the_vessel_has_length_1_and_fades_within_a_metre():
     mission = whole()
     mission.begin_each()
-    mission.perceive()
     team = mission.teams["uav"]
     place, targets = team.measured.fleet.state[..., :3], mission.tracking.of("uav", mission.tracking.targets)
     for distance, length in ((0.0, 0.0), (0.5, 0.5), (1.2, 1.0), (50.0, 1.0)):

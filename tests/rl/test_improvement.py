@@ -29,7 +29,7 @@ def cost_of(team, corrections) -> float:
     """What it costs a team to follow corrections, one a decision."""
     total = 0.0
     for correction in corrections:
-        step = team.mission.step({team.name: team.command(correction)})
+        step = team.mission.step({team.name: correction}, begin=False)
         total += float(team.plan_cost(step.endings[team.name].any).sum())
     return total
 

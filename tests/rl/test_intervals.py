@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rl.evaluation.intervals import difference_of_shares, differences, intervals, ratios, wilson
-from rl.evaluation.judge import Judge
+from rl.judge import Judge
 from rl.missions.formation.judge import FormationJudge
 
 

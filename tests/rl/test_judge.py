@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from rl.evaluation.intervals import intervals
-from rl.evaluation.judge import Judge
+from rl.judge import Judge
 from rl.mission import Endings
 from rl.missions.formation.judge import FormationJudge
 

@@ -239,7 +239,7 @@ def test_a_picture_of_all_teams_is_drawn_a_decision_and_changes_nothing():
         ({"teams": "usvs"}, ValueError, "no team 'usvs', did you mean 'usv'"),
         ({"teams": []}, ValueError, "none acts; allowed are usv, uav"),
         ({"others": {"fish": "classical"}}, ValueError, "others: there is no team 'fish'"),
-        ({"others": "classical"}, ValueError, "a dictionary is expected"),
+        ({"others": ["classical"]}, ValueError, "a dictionary is expected"),
         ({"teams": ["usv", "uav"], "others": {"uav": "classical"}}, ValueError, "uav is also named in teams"),
         ({"others": {"uav": "clasical"}}, ValueError, r"others\['uav'\] = 'clasical': no such choice"),
         ({"scenario": "escort", "overrides": (), "teams": ["vessel"]}, ValueError, "a script acts for 'vessel'"),

@@ -101,7 +101,7 @@ def sticks(boats) -> Fleet:
 @pytest.fixture(scope="module")
 def guided(boats) -> Fleet:
     """Three Otters in GUIDED; a policy of `otter` that corrects nothing."""
-    return Fleet(piloted("otter"), boats, lambda team: team.command(torch.zeros(1, 3, 2)))
+    return Fleet(piloted("otter"), boats, lambda team: torch.zeros(1, 3, 2))
 
 
 # -- what is observed, and what is ordered -----------------------------------------------------------------------------

@@ -85,7 +85,7 @@ class Sea:
                 m = asked[-1]
                 down = m.vz / (model.descent if m.vz > 0 else model.climb)
                 action = (m.vx / model.speed, m.vy / model.speed, down, m.yaw_rate / model.yaw_rate)
-            self.real.step({"uav": torch.tensor([[action]])})
+            self.real.drive({"uav": torch.tensor([[action]])}, begin=False)
             self.time += dt
         return self
 
@@ -207,7 +207,7 @@ def test_a_boat_that_falls_silent_stops_the_copter_in_the_air(silent):
     ("arguments", "words"),
     [
         (("landing",), ("0 x --follow", "1 of usv")),
-        (("landing", "--set", "uav.count=2", "--connect", "udp:127.0.0.1:{}"), ("--set usv.count=2",)),
+        (("landing", "--set", "uav.count=2", "--connect", "udp:127.0.0.1:{}"), ("uav.count = 2", "usv.count = 1")),
         (("cruise", "--team", "usv", "--set", "usv.count=1", "--disarm"), ("--disarm", "landings")),
         (
             ("cruise", "--team", "usv", "--set", "usv.count=1", "--follow", "udp:127.0.0.1:{}"),

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from rl.learn.policy import ClassicalPolicy
-from rl.mission import ControllerError
+from rl.mission import ControllerError, VehicleActions
 from rl.missions import load_scenario, make_mission
 from rl.planning.planner import HonestPlanner, PlanConfig, Planner
 from taichi_sim.config import ConfigError
@@ -25,7 +25,7 @@ def cost_of(team, steps: int, action) -> torch.Tensor:
     """What the team's next steps cost it [env]; `action` is asked for the number of each."""
     cost, ended = torch.zeros(team.mission.num_envs), torch.zeros_like(team.fleet.never)
     for k in range(steps):
-        now = team.mission.step({team.name: action(k)}).endings[team.name].any
+        now = team.mission.step({team.name: action(k)}, begin=False).endings[team.name].any
         cost += team.plan_cost(now & ~ended).sum(-1)
         ended |= now
     return cost
@@ -40,10 +40,10 @@ def test_what_an_oracle_predicts_is_what_happens(scenario):
     cost_of(team, 5, lambda k: ClassicalPolicy()(team))
     planner(team)
     saved = team.mission.snapshot()
-    happened = cost_of(team, steps, lambda k: team.planned(planner.correction_at(k)))
+    happened = cost_of(team, steps, lambda k: VehicleActions(team.planned(planner.correction_at(k))))
     assert happened == pytest.approx(planner.cost.numpy(), rel=2e-4)
     team.mission.restore(saved)
-    assert cost_of(team, steps, lambda k: team.planned(planner.correction_at(k) * 0)) == pytest.approx(
+    assert cost_of(team, steps, lambda k: VehicleActions(team.planned(planner.correction_at(k) * 0))) == pytest.approx(
         planner.classical.numpy(), rel=2e-4
     )
     assert (planner.cost <= planner.classical).all() and (planner.cost < planner.classical).any()
@@ -74,13 +74,13 @@ def test_a_learned_policy_is_followed_where_it_is_the_best_sample():
     team = team_of("lanes", envs=12)
 
     def stop(team):
-        return -torch.ones_like(team.fleet.action)
+        return VehicleActions(-torch.ones_like(team.fleet.action))
 
     planner = Planner(PlanConfig(samples=4, rounds=1, horizon=2.0, every=1.0, spread=1e-6), proposal=stop)
-    action, follows = planner(team), planner.follows_policy
+    action, follows = planner(team).values, planner.follows_policy
     assert follows.any() and not follows.all()
-    assert action[follows].equal(stop(team)[follows])
-    assert action[~follows] == pytest.approx(ClassicalPolicy()(team)[~follows].numpy(), abs=1e-4)
+    assert action[follows].equal(stop(team).values[follows])
+    assert action[~follows] == pytest.approx(ClassicalPolicy()(team).values[~follows].numpy(), abs=1e-4)
     assert (planner.cost[follows] < planner.classical[follows]).all()
 
 
@@ -92,7 +92,7 @@ def test_an_honest_planner_believes_what_is_measured(scenario):
     truth.current.set_mean(everywhere, torch.tensor([[0.1, -0.2]]).expand(3, 2))
     cost_of(team, 10, lambda k: ClassicalPolicy()(team))
     planner = HonestPlanner(SHORT, seed=1)
-    action = planner(team)
+    action = planner(team).values
     model = planner._believed
     mine = model.teams["usv"]
     assert mine.fleet.state.equal(team.known.fleet.state) and not mine.fleet.state.equal(team.fleet.state)
@@ -114,7 +114,7 @@ def test_plans_are_better_than_the_classical_controller_in_lanes_full_of_obstacl
         team = team_of("lanes", "seed=11", envs=12)
         total = torch.zeros(12)
         for _ in range(450):
-            step = team.mission.step({"usv": policy(team)})
+            step = team.mission.step({"usv": policy}, begin=False)
             assert not step.endings["usv"]["collided"].any() or isinstance(policy, ClassicalPolicy)
             total += team.distance.square().mean(-1)
         errors.append(float(total.mean()))

@@ -12,7 +12,7 @@ from refusal import assert_says
 
 from rl.adapters.gymnasium import TeamVectorEnv
 from rl.evaluation.episodes import judge_episodes, one_episode_each
-from rl.evaluation.judge import Judge
+from rl.judge import Judge
 from rl.learn.policy import CheckpointError, TrainedPolicy, load_policy, policies_of
 from rl.learn.progress import read_history
 from rl.learn.stages import train_stages
@@ -113,7 +113,7 @@ def test_gymnasium_steps_a_team_while_the_script_acts(other, request):
 
 
 def test_gymnasium_does_not_act_for_a_script():
-    with pytest.raises(ValueError, match="team = 'ferry': allowed are boats, scouts"):
+    with pytest.raises(ValueError, match="a script acts for 'ferry'; allowed are boats, scouts"):
         TeamVectorEnv("ferry", 2, scenario=FILE)
 
 

@@ -12,12 +12,12 @@ from small_missions import make
 from rl.evaluation import episodes as evaluation
 from rl.evaluation.conditions import conditions_of
 from rl.evaluation.episode_log import End, Ended, Excerpt, TeamLog, load_log, save_log
-from rl.evaluation.judge import Judge
 from rl.evaluation.record import record_episode
 from rl.evaluation.report import episodes as shown_part
 from rl.evaluation.report import write_report
 from rl.evaluation.report.failures import correlation, failures
 from rl.evaluation.store import EvaluationConditions, StoredEvaluation, load_evaluation, read_run
+from rl.judge import Judge
 from rl.learn.policy import policies_of
 from rl.runs import folder as run_folder
 

@@ -25,7 +25,7 @@ def pushes(team, monkeypatch) -> Tensor:
     monkeypatch.setattr(team.corrected, "act", lambda known, wanted: asked.append(wanted.velocity) or team.action)
     silent = torch.zeros(team.mission.num_envs, 3, 2)
     for action in (silent, silent + torch.tensor([1.0, 0.0])):
-        team.command(action)
+        team.commanded(action)
     return (asked[1] - asked[0]).norm(dim=-1)[0]
 
 
@@ -34,11 +34,10 @@ def test_a_silent_policy_is_the_classical_controller_and_a_loud_one_is_limited()
     begin(task)
     team, classical = task.teams["usv"], ClassicalPolicy()
     wander(task, 2)
-    expected = classical(team).clamp(-1.0, 1.0)
+    expected = classical(team).values.clamp(-1.0, 1.0)
     silent = torch.zeros(task.num_envs, 3, 2)
-    assert team.command(silent).equal(expected)
-    assert team.command(silent + 7.0).equal(team.command(silent + 1.0))
-    assert not team.command(silent + 1.0).equal(expected)
+    quiet, loud, loudest = (task.act({"usv": silent + size})["usv"] for size in (0.0, 1.0, 7.0))
+    assert quiet.equal(expected) and loudest.equal(loud) and not loud.equal(expected)
 
 
 def test_the_change_of_velocity_that_the_controller_wants_now_is_observed():
@@ -78,7 +77,7 @@ def test_a_corrected_velocity_is_flown(team):
     assert side.action_names == ("velocity ahead (correction)", "velocity to starboard (correction)")
     port = torch.tensor([0.0, -1.0]).expand(task.num_envs, 1, 2)
     for _ in range(80):
-        task.step({team: side.command(port)})
+        task.step({team: port})
     off = side.now.error[:, 0, :2]
     aside = off[:, 1] * side.target.cos[:, 0] - off[:, 0] * side.target.sin[:, 0]
     assert (aside > 1.0).all()  # where the controller's own 2 m/s back balance it
@@ -118,5 +117,5 @@ def test_a_silent_policy_that_corrects_velocities_is_the_classical_controller_in
     silent = torch.zeros(task.num_envs, 3, 2)
     for _ in range(40):
         expected = classical(side)
-        assert side.command(silent).equal(expected.clamp(-1.0, 1.0))
+        assert task.act({team: silent})[team].equal(expected.values.clamp(-1.0, 1.0))
         task.step({team: expected})

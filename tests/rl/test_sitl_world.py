@@ -94,7 +94,7 @@ def test_autopilots_that_cannot_be_are_refused(texts, told):
 
 
 def test_a_team_of_aircraft_has_autopilots_as_a_whole_and_decks_are_enough():
-    two = ("usv.count=1", "uav.count=2", "sea.components=8")
+    two = ("usv.count=2", "uav.count=2", "sea.components=8")
     config = load_scenario("landing", two)
     with pytest.raises(ConfigError, match="uav: autopilots of aircraft command actuators"):
         shared_mission(config, [("uav", 0)], seed=1, rate=10.0, source=find_config("landing"))
@@ -102,5 +102,5 @@ def test_a_team_of_aircraft_has_autopilots_as_a_whole_and_decks_are_enough():
     mission = shared_mission(config, both, seed=1, rate=10.0, source=find_config("landing"))
     assert mission.world.teams["uav"].model.action_names[0].startswith("rotor")
     assert decks_for(mission, both[1:]) == {("uav", 1): ("usv", 0)}
-    with pytest.raises(ConfigError, match="2 aircraft with legs have an autopilot, and there are 1 decks"):
-        decks_for(mission, both)
+    with pytest.raises(ConfigError, match="3 aircraft with legs have an autopilot, and there are 2 decks"):
+        decks_for(mission, [*both, *both[1:]])

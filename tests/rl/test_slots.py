@@ -12,7 +12,7 @@ from rl.guidance.course.tracks import generate_tracks
 from rl.guidance.shapes import SHAPES, formation_offsets, lane_half_width
 from rl.guidance.targets_and_errors import DRIFT_SCALE, DRIFT_TIME, OFFSET, RATE, Geometry
 from rl.guidance.targets_and_errors import SLOT_SIZE as SIZE
-from rl.perception.due import BEGINS, GOES_ON
+from rl.step import BEGINS, GOES_ON
 from taichi_sim.kernels.conventions import POSITION, STATE_SIZE
 from taichi_sim.kernels.rotation import DERIVED_SIZE, VELOCITY_N
 

@@ -10,6 +10,7 @@ import pytest
 import torch
 from everything import differences, everything
 
+from rl.learn.policy import ClassicalPolicy
 from rl.mission import Mission
 from rl.missions import load_scenario, make_mission
 from taichi_sim.state import snapshot
@@ -73,9 +74,8 @@ class Driver:
         found = []
         for _ in range(steps):
             given = self.actions(self.mission.num_envs)
-            step = self.mission.step({name: team.command(given[name]) for name, team in self.mission.teams.items()})
-            self.mission.reset((step.terminated | step.truncated).nonzero().flatten())
-            seen = {name: team.observations().numpy().copy() for name, team in self.mission.teams.items()}
+            step = self.mission.step(given)
+            seen = {name: seen.numpy().copy() for name, seen in step.observations.items()}
             found.append(seen | {f"{name} reward": step.reward[name].numpy().copy() for name in seen})
         return found
 
@@ -142,8 +142,8 @@ def test_a_fork_that_shares_the_noise_does_what_its_source_does(name):
     for again in range(2):
         for _ in range(10):
             given = driver.actions(mission.num_envs)
-            mission.step({n: team.command(given[n]) for n, team in mission.teams.items()})
-            fork.step({n: team.command(given[n][rows]) for n, team in fork.teams.items()})
+            mission.step(given, begin=False)
+            fork.step({n: action[rows] for n, action in given.items()}, begin=False)
             for n, team in mission.teams.items():
                 assert team.observations()[rows].equal(fork.teams[n].observations()), (name, n, again)
         mission.fork([2, 0], 2, into=fork)
@@ -155,7 +155,7 @@ def test_a_fork_that_draws_its_own_noise_differs_in_what_is_measured_alone():
     driver.go(5)
     shared, own = mission.fork([1], 4), mission.fork([1], 4, noise="own")
     for fork in (shared, own):
-        fork.step({n: torch.zeros_like(team.fleet.action) for n, team in fork.teams.items()})
+        fork.drive({n: torch.zeros_like(team.fleet.action) for n, team in fork.teams.items()})
     measured = [fork.teams["usv"].known.fleet.state[:, 0, 0] for fork in (shared, own)]
     assert len(measured[0].unique()) == 1 and len(measured[1].unique()) == 4
     truth = [fork.teams["usv"].fleet.state[:, 0, 0] for fork in (shared, own)]
@@ -169,7 +169,7 @@ def test_copies_within_a_mission_are_what_they_are_of():
     mission.copy([1, 1, 4], [0, 5, 3])
     for _ in range(8):
         given = {n: a[[1, 1, 2, 4, 4, 1]] for n, a in driver.actions(6).items()}
-        mission.step({n: team.command(given[n]) for n, team in mission.teams.items()})
+        mission.step(given, begin=False)
         seen = mission.teams["usv"].observations()
         assert seen[0].equal(seen[1]) and seen[5].equal(seen[1]) and seen[3].equal(seen[4])
 
@@ -286,7 +286,7 @@ def test_a_snapshot_makes_the_controllers_whose_memory_it_holds():
     mission, other = begun("otter", 3), begun("otter", 3)
     team = mission.teams["usv"]
     for _ in range(3):
-        mission.step({n: t.classical(t.controller) for n, t in mission.teams.items()})
+        mission.step(dict.fromkeys(mission.teams, ClassicalPolicy()))
     saved, drift = mission.snapshot(), team.controller.course.drift.clone()
     assert saved.made == ("usv", "uav")
     other.restore(saved)

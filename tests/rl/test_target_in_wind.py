@@ -92,7 +92,7 @@ def test_the_target_keeps_its_airspeed_in_the_wind_that_blows(windy):
     """|v - w| = V_a in every environment's own wind, which differs, at 60 m; the boats' target goes as fast."""
     windy.reset()
     for _ in range(3):
-        windy.step(still(windy))
+        windy.step(still(windy), begin=False)
         wind = ALOFT * windy.world.wind.velocity[:, :2]
         assert wind.norm(dim=1).std() > 0.3
         through = (over_ground(windy) - wind).norm(dim=1)
@@ -108,7 +108,7 @@ def test_the_target_moves_and_turns_as_it_says(windy):
     dt = windy.config.decision_interval
     before, target = windy.teams["uav"].targets.progress.clone(), windy.teams["uav"].target
     target = Target(target.table.clone(), target.position.clone())
-    windy.step(still(windy))
+    windy.step(still(windy), begin=False)
     later = windy.teams["uav"].target
     gone = windy.teams["uav"].targets.progress - before
     torch.testing.assert_close(gone, target.speed[:, 0] * dt, atol=1e-3, rtol=0)
@@ -125,7 +125,7 @@ def test_over_ground_the_wind_is_nothing_to_the_target():
     calm, windy = make(envs=4), make(*BREEZE, envs=4)
     for task in (calm, windy):
         task.reset(worlds=torch.arange(4), starts=torch.arange(4))
-        task.step(still(task))
+        task.step(still(task), begin=False)
         assert (task.teams["uav"].target.speed == task.config.track.target_speed).all()
     assert calm.teams["uav"].targets.progress.equal(windy.teams["uav"].targets.progress)
     assert calm.teams["uav"].target.course_rate.equal(windy.teams["uav"].target.course_rate)
@@ -136,7 +136,7 @@ def test_in_a_calm_air_and_ground_are_one():
     for task in (ground, air):
         task.reset(worlds=torch.arange(4), starts=torch.arange(4))
         for _ in range(3):
-            task.step(still(task))
+            task.step(still(task), begin=False)
     torch.testing.assert_close(ground.teams["uav"].targets.progress, air.teams["uav"].targets.progress)
     torch.testing.assert_close(ground.teams["uav"].observations(), air.teams["uav"].observations(), atol=1e-5, rtol=0)
 
@@ -162,7 +162,7 @@ def test_aircraft_start_crabbed_and_trimmed(aircraft):
         assert off.abs().max() < 2e-3
         airspeed = (v - torch.nn.functional.pad(wind, (0, 1))).norm(dim=-1)
         assert (airspeed - 25.0).abs().max() < 0.05
-        aircraft.step(still(aircraft))
+        aircraft.drive(still(aircraft), begin=False)
     assert (team.euler[..., 2] - drawn).sin().abs().max() > math.sin(0.3)  # asin(7.72 / 25) = 0.31
 
 
@@ -251,7 +251,7 @@ def test_aircraft_observe_airspeed_and_wind(aircraft):
     generator = torch.Generator().manual_seed(0)
     team = aircraft.teams["uav"].fleet
     for _ in range(10):
-        aircraft.step({"uav": 2 * torch.rand(64, 3, 3, generator=generator) - 1})
+        aircraft.drive({"uav": 2 * torch.rand(64, 3, 3, generator=generator) - 1}, begin=False)
     names = aircraft.teams["uav"].observation_names
     first = names.index("airspeed")
     seen = aircraft.teams["uav"].observations()[..., first : first + 4]
@@ -272,7 +272,7 @@ def test_instruments_show_the_air_before_the_first_step(aircraft):
     names = [team.model.aux_names.index(n) for n in ("airspeed", "alpha", "beta", "wind_north", "wind_east")]
     before = team.aux[..., names].clone()
     assert (before[..., 0] - 25.0).abs().max() < 0.01
-    aircraft.step(still(aircraft))
+    aircraft.drive(still(aircraft), begin=False)
     torch.testing.assert_close(team.aux[..., names], before, atol=2e-2, rtol=0)
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from rl.mission import Mission
+from rl.mission import Mission, Team
 from rl.missions import load_scenario, make_mission
 from taichi_sim.state.memory import StateError
 
@@ -33,6 +33,9 @@ def test_a_mission_that_does_what_a_team_owns_is_told_so():
         type("Old", (Mission,), {"observe": lambda self, team: {}})
     with pytest.raises(TypeError, match=r"Old\.measure: write `move`"):
         type("Old", (Mission,), {"measure": lambda self: None})
+    for name, now in (("sense", "perceive"), ("knowledge", "known"), ("command", "commanded")):
+        with pytest.raises(TypeError, match=rf"Old\.{name}: .*`{now}`"):
+            type("Old", (Team,), {name: None})
 
 
 def test_a_team_without_a_reward_is_named():

@@ -47,7 +47,7 @@ def fly(task: Formation, seconds: float) -> Tensor:
     """Distances [step, env, vehicle] from the slots; no aircraft's episode may end."""
     policy, team, distances = ClassicalPolicy(), task.teams["uav"], []
     for _ in range(round(seconds / task.config.decision_interval)):
-        ended = task.step({"uav": policy(team)}).endings["uav"]
+        ended = task.step({"uav": policy}).endings["uav"]
         assert not ended.any.any(), ended
         distances.append(team.distance.clone())
     return torch.stack(distances)
@@ -108,7 +108,7 @@ def test_a_faster_course_loop_turns_sooner_and_settles():
         pilot = FixedWing6DofController(team.fleet.model, gains)
         courses = []
         for _ in range(10):
-            task.step({"uav": pilot.act(team, wanted)})
+            task.drive({"uav": pilot.act(team, wanted)})
             v = team.fleet.velocity_n
             courses.append(torch.atan2(v[..., 0] * way[..., 1] - v[..., 1] * way[..., 0], (v * way)[..., :2].sum(-1)))
         left[gain] = torch.stack(courses) / turn

@@ -68,7 +68,7 @@ def sail(task: Formation, seconds: float, policy: ClassicalPolicy | None = None)
     policy, team = policy or ClassicalPolicy(), task.teams["usv"]
     distances, gaps = [], []
     for _ in range(round(seconds / task.config.decision_interval)):
-        task.step({"usv": policy(team)})
+        task.step({"usv": policy}, begin=False)
         distances.append(team.distance.clone())
         gaps.append(team.sensor.gap.clone())
     return torch.stack(distances), torch.stack(gaps)
@@ -86,7 +86,7 @@ def put(task: Formation, speed: float = SPEED, heading: float = 0.0) -> None:
     state[..., 3:7] = torch_quaternion_from_euler(torch.zeros_like(psi), torch.zeros_like(psi), psi)
     state[..., 7] = speed
     task.world.place("usv", torch.arange(task.num_envs), state)
-    task.step({"usv": torch.zeros_like(team.action)})  # so that everything is measured anew
+    task.drive({"usv": torch.zeros_like(team.action)}, begin=False)  # so that everything is measured anew
 
 
 # -- closed forms -------------------------------------------------------------------------------------------------
@@ -240,7 +240,7 @@ def test_forgets_the_drift_in_a_new_episode():
     sail(task, 20.0, policy)
     task.reset(torch.tensor([1, 2]), worlds=torch.tensor([3, 0]))
     team = task.teams["usv"]
-    old, new = policy(team), team.make_controller()(team.known)
+    old, new = policy(team).values, team.make_controller()(team.known)
     assert torch.equal(old[1:3], new[1:3])
     assert (old[0] - new[0]).abs().max() > 1e-3
     assert (old[3] - new[3]).abs().max() > 1e-3
@@ -264,10 +264,10 @@ def test_state_that_is_not_finite_stays_alone(vehicle):
     task, policy = make(*CALM, vehicle=vehicle), ClassicalPolicy()
     sail(task, 1.0, policy)
     team = task.teams["usv"]
-    sound = ClassicalPolicy()(team)
+    sound = ClassicalPolicy()(team).values
     team.fleet.state[2, 1], team.fleet.derived[2, 1] = math.nan, math.nan
     team.now.measure(due(task.num_envs))
-    broken = ClassicalPolicy()(team)
+    broken = ClassicalPolicy()(team).values
     assert (broken[2, 1] == 0).all()
     others = torch.ones(4, 3, dtype=torch.bool)
     others[2, 1] = False
@@ -283,7 +283,7 @@ def test_drift_survives_what_is_not_finite():
     team.now.measure(due(task.num_envs))
     policy(team)
     task.reset(torch.tensor([2]))
-    assert torch.equal(policy(team)[2], ClassicalPolicy()(team)[2])
+    assert torch.equal(policy(team).values[2], ClassicalPolicy()(team).values[2])
 
 
 @pytest.mark.parametrize("vehicle", ["otter", pytest.param("otter_3dof", marks=pytest.mark.slow)])

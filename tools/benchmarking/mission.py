@@ -44,13 +44,6 @@ def begin_anywhere(task: Mission) -> Mission:
     return task
 
 
-def decide(task: Mission, actions: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-    """Take one decision for every vehicle: step, reset ended episodes, observe."""
-    step = task.step(actions)
-    task.reset(step.terminated | step.truncated)
-    return {name: team.observations() for name, team in task.teams.items()}
-
-
 def cruise(team: Team) -> torch.Tensor:
     """Mean action [action] of the classical controller at the start of an episode: straight ahead near cruise."""
     controller = team.make_controller()
@@ -71,7 +64,7 @@ def random_decisions(task: Mission) -> Callable[[], object]:
         for _ in range(ACTION_SETS)
     ]
     turn = iter(range(1 << 62))
-    return lambda: decide(task, sets[next(turn) % ACTION_SETS])
+    return lambda: task.drive(sets[next(turn) % ACTION_SETS])
 
 
 def untrained_policy(team: Team, stage: StageConfig) -> TrainedPolicy:
@@ -85,12 +78,11 @@ def untrained_policy(team: Team, stage: StageConfig) -> TrainedPolicy:
 def policy_decisions(task: Mission, stages: dict[str, StageConfig]) -> Callable[[], object]:
     """A function that takes one decision with every team's network."""
     policies = {name: untrained_policy(team, stages[name]) for name, team in task.teams.items()}
-    observed = {name: team.observations() for name, team in task.teams.items()}
+    observed = task.observations()
 
     def decide_by_policy() -> None:
         nonlocal observed
-        actions = {name: task.teams[name].command(policies[name].act(seen)) for name, seen in observed.items()}
-        observed = decide(task, actions)
+        observed = task.step({name: policies[name].act(seen) for name, seen in observed.items()}).observations
 
     return decide_by_policy
 
@@ -176,7 +168,7 @@ def measure_pictures(*, seconds: float, repetitions: int) -> dict[str, float]:
         pictures.draw()
         start = time.perf_counter()
         while len(times) < repetitions or time.perf_counter() - start < seconds:
-            mission.step(still)
+            mission.drive(still)
             pictures.keep()
             begin = time.perf_counter()
             pictures.draw()
@@ -223,7 +215,7 @@ def watch(task: Formation) -> Stopwatch:
     """A stopwatch on every part of `task`."""
     stopwatch = Stopwatch()
     stopwatch.watch(task.world.sea, "phases", "sea phases")
-    stopwatch.watch(task.world, "_checked", "action checks")
+    stopwatch.watch(task, "act", "action checks")
     for targets in task.targets.values():
         stopwatch.watch(targets, "move", "targets")
     for name, team in task.teams.items():
@@ -233,7 +225,7 @@ def watch(task: Formation) -> Stopwatch:
         stopwatch.watch(team.now, "measure", "geometry")
         stopwatch.watch(team.sensor, "look", "sensing")
         stopwatch.watch(team, "observations_now", "observations")
-    stopwatch.watch(task, "reset", "resets")
+    stopwatch.watch(task, "_begin", "resets")
     return stopwatch
 
 

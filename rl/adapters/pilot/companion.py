@@ -29,8 +29,8 @@ import torch
 from rl.adapters.pilot.autopilot_link import ARM, SET_MODE, Link
 from rl.adapters.pilot.laid_course import Chart
 from rl.adapters.pilot.set_points import BOAT, Orders
-from rl.learn.policy import Policy
-from rl.mission import Mission
+from rl.mission import Mission, Policy
+from taichi_sim.config.arguments import ActionError
 from taichi_sim.kernels.conventions import QUATERNION, VELOCITY
 from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.visualisation.recording.east_north_up import Origin, from_geodetic
@@ -142,7 +142,7 @@ class Pilot:
         for _ in range(REHEARSAL):
             self.mission.follow({self.team.name: fleet.state.clone()}, taken)
             self.team.gives_up()
-            action = self.policy(self.team)
+            action = self._acted()
             self.orders.of(self.team, action, chart)
             taken = {self.team.name: action}
         self.mission.begin_each()
@@ -373,10 +373,11 @@ class Pilot:
             if given.any():
                 who = self.links[int(given.argmax())].name
                 return self.end(f"{who}: {ending!r}, which ends an episode of {self.mission.config.name!r}", fault=True)
-        self._taken = self.policy(self.team)
+        try:
+            self._taken = self._acted()
+        except ActionError as error:
+            return self.end(str(error), fault=True)
         given = self.orders.of(self.team, self._taken, self._chart)
-        if not np.isfinite(given).all():
-            return self.end("the policy's actions are not finite", fault=True)
         for link, order in zip(self.links, given, strict=True):
             if link not in self._done:
                 self.orders.give(link, order)
@@ -385,6 +386,10 @@ class Pilot:
         self.ages.append(age)
         self.decisions += 1
         self._report(now)
+
+    def _acted(self) -> torch.Tensor:
+        """Vehicle actions [1, vehicle, a] by the policy."""
+        return self.team.taken(self.team.checked(self.policy(self.team)))
 
     def _rest(self, now: float) -> None:
         """Follow which vehicles rest where they were to go; stop their motors, if it may, until they say so."""

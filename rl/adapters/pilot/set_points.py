@@ -68,7 +68,7 @@ class Orders(Protocol):
     parameters: Mapping[str, float]
 
     def of(self, team: Team, taken: torch.Tensor, chart: Chart) -> Array:
-        """Orders [vehicle, n], of the actions `taken` [1, vehicle, action] that `team.command` has just returned."""
+        """Orders [vehicle, n], of the actions `taken` [1, vehicle, action] that the team takes."""
         ...
 
     def give(self, link: Link, order: Array) -> None:

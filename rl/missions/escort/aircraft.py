@@ -26,10 +26,10 @@ from rl.missions.escort.endings_and_logs import LOGGED, endings_of, log_of
 from rl.missions.escort.host import Parts
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
 from rl.perception.contacts import TrackedContacts
-from rl.perception.due import Due
 from rl.perception.instruments import InstrumentsConfig, Readings
 from rl.perception.sensors import Sensor
 from rl.perception.sightings import Camera
+from rl.step import Due
 from rl.team import Controller, Endings
 from taichi_sim.config.io import validate
 from taichi_sim.fleet import Views
@@ -98,7 +98,7 @@ class EscortAircraft(ResidualTeam):
         self.measured = self.remember(MeasuredAircraft(self, number, form))
 
     @property
-    def knowledge(self) -> "MeasuredAircraft":
+    def known(self) -> "MeasuredAircraft":
         """What is measured."""
         return self.measured
 

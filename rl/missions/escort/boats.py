@@ -17,10 +17,10 @@ from rl.missions.escort.endings_and_logs import LOGGED, endings_of, log_of
 from rl.missions.escort.host import Parts
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
 from rl.perception.charted_contacts import ChartedContacts
-from rl.perception.due import Due
 from rl.perception.instruments import Readings
 from rl.perception.sensors import Sensor
 from rl.perception.sightings import Lookout
+from rl.step import Due
 from rl.team import Controller, Endings
 from taichi_sim.state.memory import Remembers
 
@@ -99,7 +99,7 @@ class EscortBoats(ResidualTeam):
         self.target.table[:, 0] = torch.stack(target, dim=-1)
 
     @property
-    def knowledge(self) -> "MeasuredBoats":
+    def known(self) -> "MeasuredBoats":
         """What is measured."""
         return self.measured
 

@@ -42,9 +42,9 @@ from rl.missions.escort.boats import AGE_SCALE, SIGMA_SCALE
 from rl.missions.escort.config import OrbitConfig
 from rl.missions.escort.host import Parts
 from rl.missions.escort.tracking import SharedTracking
-from rl.perception.due import NOT_DUE, Due
 from rl.perception.radio import Message
 from rl.perception.sightings import Sighting
+from rl.step import NOT_DUE, Due
 from taichi_sim.config import Positive
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import rotation, runtime

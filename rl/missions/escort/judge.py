@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rl.evaluation.judge import (
+from rl.judge import (
     COLLISION_LOSS,
     COMMON,
     TEAM_ERROR,

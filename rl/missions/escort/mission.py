@@ -24,8 +24,8 @@ from rl.missions.escort.judge import EscortJudge
 from rl.missions.escort.tracking import SharedTracking
 from rl.missions.escort.vessel import Among, Wanderer
 from rl.missions.escort.worlds import afloat, aloft, check_parts, check_slots, draw_worlds, warn_of_speeds
-from rl.perception.due import Due
 from rl.perception.sightings import Object
+from rl.step import Due
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.conventions import DOWN
 from taichi_sim.visualisation.recording.episode import Episode, Scene
@@ -142,7 +142,7 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
         if self.boats is not None:
             self.boats.follow(place, self.vessel_velocity)
 
-    def sense(self, due: Due) -> None:
+    def perceive(self, due: Due) -> None:
         """Read instruments; where an episode begins, tell all where the vessel was; then look."""
         for team in self.teams.values():
             team.own.read(due)

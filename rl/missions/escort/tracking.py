@@ -25,9 +25,9 @@ from rl.guidance.course.obstacles import Cylinder
 from rl.guidance.targets_and_errors import COS, COURSE, EAST, NORTH, SIN, SPEED, TARGET_SIZE, course_of
 from rl.missions.escort.config import EscortScenario
 from rl.perception.chart import AGE, P_PP, P_PV, P_VV, V_EAST, V_NORTH, Chart, width_of
-from rl.perception.due import NOT_DUE, Due
 from rl.perception.radio import Message, Radio
 from rl.perception.sightings import UNSEEN, Object, Sighting
+from rl.step import NOT_DUE, Due
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken

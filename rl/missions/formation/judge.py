@@ -9,7 +9,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rl.evaluation.judge import (
+from rl.guidance.course.obstacles import BOTTOM, EAST, NORTH, RADIUS, TOP
+from rl.judge import (
     COLLISION_LOSS,
     COMMON,
     TEAM_ERROR,
@@ -21,7 +22,6 @@ from rl.evaluation.judge import (
     rms_of,
     team_error,
 )
-from rl.guidance.course.obstacles import BOTTOM, EAST, NORTH, RADIUS, TOP
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.team import Course, TeamTask
 from rl.step import Step

@@ -19,9 +19,9 @@ from rl.missions.formation.judge import FormationJudge
 from rl.missions.formation.team import TeamTask
 from rl.missions.formation.worlds import PER_WORLD, check_teams, draw_starts, draw_traffic, generate_worlds, in_wind
 from rl.perception.contacts import SensorsConfig
-from rl.perception.due import Due
 from rl.perception.radio import RadioConfig
 from rl.planning.planner import write_obstacles_as_bodies
+from rl.step import Due
 from taichi_sim.config import AirConfig, SeaConfig
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.conventions import DOWN

@@ -16,11 +16,10 @@ from rl.missions.formation import rewards
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.slots import Slots
 from rl.perception.contacts import TrackedContacts
-from rl.perception.due import Due
 from rl.perception.instruments import Readings
 from rl.perception.radio import Radio
 from rl.perception.sensors import Nearby, Sensor
-from rl.step import Endings
+from rl.step import Due, Endings
 from rl.team import Controller, Host
 from taichi_sim.fleet import Fleet
 from taichi_sim.state.memory import Remembers
@@ -82,7 +81,7 @@ class TeamTask(ResidualTeam):
         self.target = self.remember(Target(targets.table, self.now.slot[:, 0]))
         exact = config.radio is None and config.sensors.exact and config.sensors.scaled_contacts.exact
         self.measured = self.remember(None if exact else MeasuredFormation(self, down))
-        self.writer = ObservationWriter(self.knowledge, config.observations, self.reference_width)
+        self.writer = ObservationWriter(self.known, config.observations, self.reference_width)
         self._true = None if exact else ObservationWriter(self, config.observations, self.reference_width)
 
     @property
@@ -109,7 +108,7 @@ class TeamTask(ResidualTeam):
         return torch.cat(parts, dim=-1) if parts else None
 
     @property
-    def knowledge(self) -> Knowledge:
+    def known(self) -> Knowledge:
         """What is measured, or else the truth."""
         return self.measured or self
 
@@ -120,10 +119,10 @@ class TeamTask(ResidualTeam):
         mission = self.mission
         self.sensor.look(mission.obstacles, mission.env_world, due, mission.bodies)
 
-    def sense(self, due: Due) -> None:
+    def perceive(self, due: Due) -> None:
         """Read the instruments."""
         if self.measured is not None:
-            self.measured.sense(due)
+            self.measured.perceive(due)
 
     def exchange(self, due: Due) -> None:
         """Tell each other place and velocity."""
@@ -215,7 +214,7 @@ class MeasuredFormation(Remembers):
         """int64 [env], decisions since the episode began."""
         return self._team.steps
 
-    def sense(self, due: Due) -> None:
+    def perceive(self, due: Due) -> None:
         """Read the instruments."""
         if isinstance(self.fleet, Readings):
             self.fleet.read(due)

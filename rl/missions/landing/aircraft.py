@@ -15,10 +15,9 @@ from rl.missions.landing.known_deck import LAGS, KnownDeck
 from rl.missions.landing.level_frame import into_level
 from rl.missions.landing.marker import Look, Marker
 from rl.missions.landing.pilots import Pilot, corrected
-from rl.perception.due import Due
 from rl.perception.instruments import Readings
 from rl.perception.radio import Radio
-from rl.step import COLLIDED, Endings
+from rl.step import COLLIDED, Due, Endings
 from rl.team import Team
 from taichi_sim.config import ConfigError
 from taichi_sim.kernels.conventions import BELOW, DOWN
@@ -29,26 +28,19 @@ FAR, FAST, SLOW = 10.0, 3.0, 1.0  # m, m/s, m/s, where what is observed is half 
 WENT_LOW, WENT_UP = 1.0, 2.5  # m above the deck: who was lower and is then higher has aborted; assumed
 SITS = math.cos(math.radians(8.0))  # cosine of the tilt to the deck up to which it lets go; assumed
 FINEST = 0.15  # share of its authority that a policy has at the deck; assumed
-CLEAR = 6.0  # m from the deck's middle, where an aircraft that is over no longer keeps the next one away; assumed
-STACKED = 4.0  # m of height between holding points of aircraft of one deck; assumed
 RISE = 2.0  # m above the deck and beside its middle, up to where an aircraft that leaves goes straight up; assumed
 SQUARE = 1.5  # 1/s, at which it turns its nose square to the deck, for legs to have the most room; assumed
-
-
 STILL = 0.2  # m/s to its deck, below which an aircraft that stands there rests; assumed
 RISING = 1.0  # m/s, of one that must leave its deck; assumed
-FAILED = ("hard", "toppled", "slid", "collided")  # ends of the mission, besides those of the vehicle
 
 
 class Aircraft(Team[Parts, LandingTeam]):
     """The team of aircraft, measured after each step; every tensor is [env, aircraft, ...].
 
-    Aircraft i lands on boat i, modulo their number. Where there are more aircraft than boats, those of a deck take
-    turns: each waits at a holding point of its own until the one before it is over, and has left the deck. One that has
-    landed lifts off again, and leaves to its holding point. How they know their decks, a derived class says.
+    Aircraft i lands on boat i. How they know their decks, a derived class says.
 
     Attributes:
-        model: of the vehicles. decks: the boats, as they are. boat_of: [aircraft] number of each one's boat.
+        model: of the vehicles. decks: the boats, as they are.
         own: what they measure of themselves. known_deck: what they know of their decks.
         offset: [.., 3] from the deck's middle, b of the boat, m. height: of the soles above the deck, m.
         distance: from the deck's middle, level distance and height together, m. to_go, before: time to the deck's
@@ -58,9 +50,6 @@ class Aircraft(Team[Parts, LandingTeam]):
         settled, settling: all soles have been on the deck, for the first time in this step.
         stood: s that all soles have been on the deck. drifted: m on the deck since. aborts: how often it has gone up.
         time: s until the first touch.
-        bearing: [.., 2] unit vector (north, east) from its deck to its holding point. rank: its turn, from 0. turns:
-            int64 [env, boat], whose turn it is. landed, over: it has landed, it has landed or failed; so before this
-            step and in it. failed: name -> bool, how it has failed in this step. All but rank are of decks with turns.
     """
 
     meanings = {
@@ -97,11 +86,8 @@ class Aircraft(Team[Parts, LandingTeam]):
         if not isinstance(model, Multirotor6DOF) or model.legs is None:
             raise ConfigError(f"{told}: to land it must be a multirotor_6dof with [legs]")
         self.model, self.decks, self.interval = model, decks, config.decision_interval
-        boats = config.parts[config.landing.boats].count
-        self.boat_of = torch.arange(self.fleet.count, device=state.device) % boats
-        self.alone = self.fleet.count == boats
         self.own = self.remember(Readings(self.fleet, self.section.sensors, self.interval, config.first_number(name)))
-        self._known_deck = self.remember(KnownDeck(state, self.interval, boats))
+        self.known_deck = self.remember(KnownDeck(state, self.interval, self.fleet.count))
         self.soles_below = float(model.soles(self.fleet)[..., BELOW].max())
         self._soles = state.new_tensor(model.legs.points)[:, :2]
         shape = state.shape[:2]
@@ -110,43 +96,15 @@ class Aircraft(Team[Parts, LandingTeam]):
             self.height, self.distance, self.to_go, self.before, self.tilt, self.touch_error, self.touch_tilt,
             self.touch_speed, self.stood, self.drifted, self.aborts, self.time,
         ) = (self.remember(state.new_zeros(shape)) for _ in range(12))  # fmt: skip
-        self.touched, self.touching, self.settled, self.settling, self._low, self.landed, self.over = (
-            self.remember(torch.zeros(shape, dtype=torch.bool, device=state.device)) for _ in range(7)
+        self.touched, self.touching, self.settled, self.settling, self._low = (
+            self.remember(torch.zeros(shape, dtype=torch.bool, device=state.device)) for _ in range(5)
         )
-        self.rank, self._ranks = torch.arange(self.fleet.count, device=state.device) // boats, self.fleet.count // boats
-        self.turns = self.remember(torch.zeros((shape[0], boats), dtype=torch.int64, device=state.device))
-        self.bearing = self.remember(state.new_zeros((*shape, 2)))
-        names = () if self.alone else (*FAILED, *model.ending_names)
-        self.failed = self.remember({failing: torch.zeros_like(self.over) for failing in names})
         self._wanted: Tensor | None = self.scratch(None)
-
-    @property
-    def known_deck(self) -> KnownDeck:
-        """What each aircraft knows of its deck."""
-        self.mission.perceive()
-        return self._known_deck
 
     @property
     def deck(self) -> DeckMotion:
         """The deck of each aircraft, the truth."""
-        deck = self.decks.deck
-        return deck if self.alone else deck.of(self.boat_of)
-
-    @property
-    def turn(self) -> Tensor:
-        """int64 [env, boat], the aircraft that comes in to land on each boat, or was the last to do so."""
-        boats = self.turns.shape[1]
-        return boats * self.turns.clamp(max=self._ranks - 1) + torch.arange(boats, device=self.turns.device)
-
-    @property
-    def comes(self) -> Tensor:
-        """Whether each aircraft comes in to land, bool [env, aircraft].
-
-        It always does to a deck of its own, and in its turn to a deck that aircraft share.
-        """
-        if self.alone:
-            return ~self.fleet.never
-        return (self.turns[:, self.boat_of] == self.rank) & ~self.over
+        return self.decks.deck
 
     # -- flying ----------------------------------------------------------------------------------------------------
 
@@ -171,7 +129,6 @@ class Aircraft(Team[Parts, LandingTeam]):
     @property
     def wanted(self) -> Tensor:
         """Velocity [env, aircraft, 3] (NED, m/s) that the pilot wants now."""
-        self.mission.perceive()
         if self._wanted is None:
             self._wanted = self.pilot.wanted(self)
         return self._wanted
@@ -185,8 +142,8 @@ class Aircraft(Team[Parts, LandingTeam]):
 
     @property
     def in_effect(self) -> Tensor:
-        """Where the policy's actions have an effect, bool [env, aircraft]: the aircraft comes in with its thrust on."""
-        return self.comes & ~self.lets_go
+        """Where the policy's actions have an effect, bool [env, aircraft]: the aircraft's thrust is on."""
+        return ~self.lets_go
 
     @property
     def plannable(self) -> Tensor:
@@ -203,8 +160,8 @@ class Aircraft(Team[Parts, LandingTeam]):
     def lets_go(self) -> Tensor:
         """Whether each aircraft cuts its thrust, bool [env, aircraft].
 
-        It does so in its turn to land when a sole is on the deck and, by its own estimate, all soles are over the deck
-        and the aircraft is upright.
+        It does so when a sole is on the deck and, by its own estimate, all soles are over the deck and the aircraft is
+        upright.
         """
         known, deck = self.known_deck, self.decks.fleet.model.deck
         assert deck is not None
@@ -214,7 +171,7 @@ class Aircraft(Team[Parts, LandingTeam]):
         soles = torch.stack((c * x - s * y, s * x + c * y), dim=-1)  # [env, aircraft, leg, 2]
         over = ((soles - to).abs() <= to.new_tensor(deck.half)).all(-1).all(-1)
         upright = (self.own.R_nb[..., BELOW] * known.down).sum(-1) > SITS
-        return self.touches & over & upright & self.comes
+        return self.touches & over & upright
 
     @property
     def _turned(self) -> tuple[Tensor, Tensor]:
@@ -243,10 +200,9 @@ class Aircraft(Team[Parts, LandingTeam]):
         known = self.known_deck
         away = torch.hypot(known.to[..., :2].norm(dim=-1), self.known_height)
         share = (away / c.reach).clamp(FINEST, 1.0).unsqueeze(-1)
-        correction = share * action.clamp(-1.0, 1.0) + 0.0 * action  # what is not finite stays so
         wanted, far = self.wanted.clone(), away > c.reach
         wanted[..., DOWN] = torch.where(far, wanted[..., DOWN].clamp(min=0.0), wanted[..., DOWN])
-        velocity = corrected(wanted, correction, known.heading, c.level, c.vertical)
+        velocity = corrected(wanted, share * action, known.heading, c.level, c.vertical)
         return self.flown(self.pilot.limited(self, velocity, self.pilot.config.approach + c.level))
 
     @property
@@ -267,8 +223,7 @@ class Aircraft(Team[Parts, LandingTeam]):
     def flown(self, velocity: Tensor) -> Tensor:
         """Actions [env, aircraft, a] that fly a velocity [env, aircraft, 3] (NED, m/s), aligned with the deck.
 
-        Once a sole is on the deck and all are over it, the actions command full descent, so that the rotors idle. An
-        aircraft whose turn it is not flies to its holding point.
+        Once a sole is on the deck and all are over it, the actions command full descent, so that the rotors idle.
 
         Raises:
             ConfigError: for aircraft that are not commanded by velocities.
@@ -279,10 +234,6 @@ class Aircraft(Team[Parts, LandingTeam]):
                 'it needs "velocity"'
             )
         known, demands, touches = self.known_deck, self.model.demands, self.lets_go
-        idles = self.standing
-        if not self.alone:
-            comes = self.comes
-            velocity, idles = torch.where(comes.unsqueeze(-1), velocity, self._holding()), idles & comes
         level = into_level(torch.where(touches.unsqueeze(-1), known.velocity, velocity), self.own.heading)
         ahead, aside, down = level.unbind(-1)
         down = torch.where(down > 0, down / demands.descent, down / demands.climb)
@@ -290,31 +241,16 @@ class Aircraft(Team[Parts, LandingTeam]):
         turn = torch.where(touches, 0.0, (known.rates[..., BELOW] + SQUARE * self._off_square) / demands.yaw_rate)
         action = torch.stack((ahead / demands.speed, aside / demands.speed, down, turn), dim=-1)
         idle = action.new_tensor((0.0, 0.0, 1.0, 0.0))
-        return torch.where(idles.unsqueeze(-1), idle, action).clamp(-1.0, 1.0)
+        return torch.where(self.standing.unsqueeze(-1), idle, action).clamp(-1.0, 1.0)
 
-    def _holding(self) -> Tensor:
-        """Velocity [env, aircraft, 3] (NED, m/s) to the holding point, which moves with the deck's mean place."""
-        known, own, c, place = self.known_deck, self.own, self.pilot.config, self.mission.config.landing
-        to = known.to[..., :2] + place.hold_distance * self.bearing
-        r = to.norm(dim=-1, keepdim=True)
-        speed = torch.minimum(c.position * r, (2 * c.braking * r).sqrt()).clamp(max=c.approach)
-        level = known.mean[..., :2] + speed / r.clamp(min=1e-3) * to
-        rises = (self.known_height < RISE) & (known.to[..., :2].norm(dim=-1) < RISE)
-        level = torch.where(rises.unsqueeze(-1), known.velocity[..., :2], level)
-        height = place.hold_height + STACKED * self.rank
-        down = c.position * (self.pilot.height - height - own.position_n[..., DOWN])
-        demands = self.model.demands
-        return torch.cat((level, down.clamp(-demands.climb, demands.descent).unsqueeze(-1)), dim=-1)
-
-    def begin(self, envs: Tensor, bearing: Tensor) -> None:
-        """Begin episodes in environments `envs` [n], with aircraft at `bearing` [n, aircraft, 2] from their decks."""
+    def begin(self, envs: Tensor) -> None:
+        """Begin episodes in environments `envs` [n]."""
         self.pilot.begin(envs)
-        self.bearing[envs] = bearing.to(self.bearing)
 
     # -- measuring -------------------------------------------------------------------------------------------------
 
     def truth(self, due: Due) -> None:
-        """Measure where each aircraft is over its deck, how it touches, and whose turn it is."""
+        """Measure where each aircraft is over its deck, and how it touches."""
         self._wanted, deck = None, self.deck
         fresh, on = due.begins.unsqueeze(-1), due.goes_on.unsqueeze(-1)
         away = self.fleet.position_n - deck.place
@@ -328,8 +264,6 @@ class Aircraft(Team[Parts, LandingTeam]):
         upright = (self.fleet.R_nb[..., BELOW] * deck.down).sum(-1)
         self.tilt = upright.clamp(-1.0, 1.0).acos()
         self._touch(on, fresh, level)
-        if not self.alone:
-            self._take_turns(on, fresh)
 
     def _touch(self, on: Tensor, fresh: Tensor, level: Tensor) -> None:
         touch, dt = self.fleet.touch, self.interval
@@ -351,12 +285,12 @@ class Aircraft(Team[Parts, LandingTeam]):
         self.stood = torch.where(on, stood, torch.where(fresh, 0.0, self.stood))
         self.drifted = torch.where(standing, (self.offset - self._anchor)[..., :2].norm(dim=-1), 0.0)
         low = (self._low & ~fresh) | (self.height < WENT_LOW) & (level < 2.0)
-        up = low & (self.height > WENT_UP) & on & ~self.over
+        up = low & (self.height > WENT_UP) & on
         self.aborts = torch.where(fresh, 0.0, self.aborts + up)
         self._low = low & ~up
         self.time = torch.where(fresh, 0.0, self.time + dt * (on & ~self.touched))
 
-    def sense(self, due: Due) -> None:
+    def perceive(self, due: Due) -> None:
         """Read the instruments."""
         self.own.read(due)
 
@@ -369,33 +303,8 @@ class Aircraft(Team[Parts, LandingTeam]):
         """Estimated height of the soles above the deck's plane, m."""
         return self.known_deck.above - self.soles_below
 
-    def _take_turns(self, on: Tensor, fresh: Tensor) -> None:
-        """Update which aircraft are done, and whose turn it is, on decks that several aircraft share."""
-        over, ends = self.over & ~fresh, self._ends() | self.model.endings(self.fleet, self.mission.world)
-        place = self.fleet.position_n
-        apart = torch.cdist(place, place, compute_mode="donot_use_mm_for_euclid_dist")
-        apart.diagonal(dim1=1, dim2=2).fill_(math.inf)
-        ends["collided"] = apart.amin(-1) < 2 * self.model.collision_radius
-        self.failed = {name: ends[name] & on & ~over for name in self.failed}
-        failed = torch.stack(list(self.failed.values())).any(0)
-        landing = ends["landed"] & on & ~over & ~failed
-        self.landed = (self.landed & ~fresh) | landing
-        self.over = over | landing | failed
-        turn = self.turn
-        left = self.over.gather(1, turn) & (self.distance.gather(1, turn) > CLEAR)
-        self.turns = torch.where(fresh, 0, self.turns + (left & on))
-
     def ends(self) -> dict[str, Tensor]:
-        """Reasons why an aircraft's episode has ended, bool each. On a shared deck, landings are reported when all
-        aircraft of the environment are done, one fails, or time is up.
-        """
-        if self.alone:
-            return self._ends()
-        failed = torch.stack(list(self.failed.values())).any(0).any(1)
-        told = failed | self.over.all(1) | (self.mission.steps >= self.mission.config.episode_steps)
-        return {"landed": self.landed & told.unsqueeze(1)} | {name: self.failed[name] for name in FAILED}
-
-    def _ends(self) -> dict[str, Tensor]:
+        """Reasons why an aircraft's episode has ended, bool each."""
         limits = self.mission.config.landing
         hard = self.touched & (self.touch_speed > limits.hard_speed)
         hard |= self.touching & (self.touch_tilt > math.radians(limits.hard_tilt_deg))
@@ -444,13 +353,6 @@ class Aircraft(Team[Parts, LandingTeam]):
         near = (self.height < RISE) & (self.offset[..., :2].norm(dim=-1) < RISE)
         held = torch.where(self.rests, self.model.demands.descent, torch.where(near, -RISING, 0.0))
         return held.to(self.height)
-
-    def ended(self) -> Endings:
-        """All endings; an aircraft that has landed on a shared deck has no other."""
-        ended = super().ended()
-        if self.alone:
-            return ended
-        return Endings({name: flag if name == "landed" else flag & ~self.landed for name, flag in ended.items()})
 
     def log(self, ended: Endings) -> dict[str, Tensor]:
         """Shares of aircraft whose episodes ended in this step by a landing and by a failure, and this step's
@@ -530,19 +432,18 @@ class SensingAircraft(Aircraft):
         self.marker = self.remember(Marker(self.section.marker, self.own, tilted, mission.config.first_number(name)))
         self._radio = radio
 
-    def sense(self, due: Due) -> None:
+    def perceive(self, due: Due) -> None:
         """Read the instruments, and look at the markers."""
-        super().sense(due)
+        super().perceive(due)
         self.marker.look(self.fleet, self.decks, self.mission.hs, due)
 
     @property
     def seen_marker(self) -> tuple[Tensor, Tensor]:
         """Whether each camera sees its marker, bool [env, aircraft]; where, from the aircraft, b, m, [.., 3]."""
-        self.mission.perceive()
         seen = self.marker.seen
         return seen[..., Look.VARIANCE] > 0, (self.own.R_nb.mT @ seen[..., : Look.VARIANCE, None]).squeeze(-1)
 
     def conclude(self, due: Due) -> None:
         """Update the known decks by the looks and by the messages of the boats."""
         super().conclude(due)
-        self._known_deck.measure(due, self.own, self.marker.seen, self._radio.heard)
+        self.known_deck.measure(due, self.own, self.marker.seen, self._radio.heard)

@@ -15,9 +15,9 @@ from rl.guidance.controllers.vessel import CourseCommand, Hull6DofController, Ma
 from rl.guidance.targets_and_errors import SLOT_SIZE, TARGET_SIZE, SlotErrors, Target, wrap
 from rl.missions.landing.config import LandingScenario
 from rl.missions.landing.deck_motion import DeckMotion, Decks, deck_motion
-from rl.perception.due import Due
 from rl.perception.instruments import Readings
 from rl.perception.sensors import Nearby
+from rl.step import Due
 from rl.team import ControllerError
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.conventions import AHEAD, DOWN, STARBOARD
@@ -119,7 +119,7 @@ class Boats(Decks):
         turn = wrap(self.aim[..., COURSE] - self.steered).clamp(-most, most)
         self.steered = torch.where(on.squeeze(-1), self.steered + turn, self.steered)
 
-    def sense(self, due: Due) -> None:
+    def perceive(self, due: Due) -> None:
         """Read the instruments, and follow how much the deck moves by them."""
         dt, fresh, on = self.interval, due.begins.view(-1, 1, 1), due.goes_on.view(-1, 1, 1)
         self.own.read(due)

@@ -20,14 +20,10 @@ class LandingConfig(Strict):
     """`[landing]`: the teams' parts, how an episode begins, and when an aircraft has landed."""
 
     boats: Annotated[str, Field(min_length=1)] = "usv"  # the team with decks
-    aircraft: Annotated[str, Field(min_length=1)] = "uav"  # with legs; number i lands on boat i, modulo their number
+    aircraft: Annotated[str, Field(min_length=1)] = "uav"  # with legs; number i lands on boat i
     distance: Span = (20.0, 60.0)  # of an aircraft from its deck as an episode begins, level, m
     height: Span = (10.0, 20.0)  # above the mean level of the sea then, m
     apart: Annotated[Positive, Plausible(2.0, 1e5, "m")] = 200.0  # m between boats, abreast of each other
-    # where aircraft wait for their turn on a deck: from it, level, m; assumed
-    hold_distance: Annotated[Positive, Plausible(0.5, 5000.0, "m")] = 20.0
-    # above its mean height, m, the first; the next ones 4 m more each; assumed
-    hold_height: Annotated[Positive, Plausible(0.5, 1000.0, "m")] = 12.0
     # s that all soles must be on the deck without a break
     stand: Annotated[Positive, Plausible(0.05, 600.0, "s")] = 5.0
     # normal speed of a sole that comes down, at most
@@ -165,10 +161,10 @@ class LandingScenario(Scenario):
             if self.teams[name].script is not None:
                 raise ValueError(f"{name}.script: the mission steers {name}, remove the script")
         boats, aircraft = (self.teams[getattr(self.landing, key)].count for key in ("boats", "aircraft"))
-        if aircraft % boats:
+        if aircraft != boats:
             raise ValueError(
-                f"{self.landing.aircraft}.count = {aircraft}: must be {self.landing.boats}.count = {boats}, where each "
-                "lands on a boat of its own, or a multiple of it, where as many take turns on each deck"
+                f"{self.landing.aircraft}.count = {aircraft}: must be {self.landing.boats}.count = {boats}: each lands "
+                "on a boat of its own"
             )
         return self
 

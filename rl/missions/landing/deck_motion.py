@@ -26,11 +26,6 @@ class DeckMotion(NamedTuple):
         """Normal of each deck, into it, [env, boat, 3] (NED)."""
         return self.R[..., BELOW]
 
-    def of(self, boats: Tensor) -> "DeckMotion":
-        """Return the motion of the decks of `boats` [n], in that order."""
-        place, velocity, R, tilt = (x[:, boats] for x in self[:4])
-        return DeckMotion(place, velocity, R, tilt, (self.heading[0][:, boats], self.heading[1][:, boats]))
-
 
 def deck_motion(boats: Views, centre: Tensor) -> DeckMotion:
     """Return the motion of the decks of `boats`; `centre` [3] (m, b) is the middle of a deck."""

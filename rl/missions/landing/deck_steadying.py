@@ -18,8 +18,7 @@ from rl.missions.landing.config import LandingTeam
 from rl.missions.landing.deck_motion import DeckMotion
 from rl.missions.landing.host import Parts
 from rl.missions.landing.level_frame import into_level
-from rl.perception.due import Due
-from rl.step import Endings
+from rl.step import Due, Endings
 from rl.team import Controller, Team
 from taichi_sim.state.memory import Remembers
 
@@ -54,7 +53,7 @@ class BoatTeam(Team[Served, LandingTeam]):
 
     def commanded(self, action: Tensor) -> Tensor:
         """Vessel actions [env, boat, a] for a policy's deviations [env, boat, 2] from the ordered course and speed."""
-        self.chosen_before, self.chosen = self.chosen, action.clamp(-1.0, 1.0) + 0.0 * action
+        self.chosen_before, self.chosen = self.chosen, action
         return self.boats.sail(self.chosen)
 
     def make_controller(self) -> Controller:
@@ -122,4 +121,4 @@ class Hold(Remembers):
 
     def __call__(self, team: BoatTeam) -> Tensor:
         """Actions [env, boat, a] of the vessels."""
-        return team.command(torch.zeros_like(team.chosen))
+        return team.commanded(torch.zeros_like(team.chosen))

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rl.evaluation.judge import Episodes, Judge, Judged
+from rl.judge import Episodes, Judge, Judged
 from rl.missions.landing.aircraft import Aircraft
 from rl.missions.landing.config import LandingScenario
 from rl.missions.landing.deck_motion import Decks
 from rl.step import Step
 from taichi_sim.kernels.conventions import DOWN
 
-OUTCOMES = ("landed", "hard", "toppled", "slid", "ditched", "struck", "collided", "late", "lost")
+OUTCOMES = ("landed", "hard", "toppled", "slid", "ditched", "struck", "late", "lost")
 """How an aircraft's episode ends; lost: outside its model, or no finite state."""
 NONE = -1
 
@@ -56,7 +56,6 @@ class LandingJudge(Judge[Landings, LandingScenario]):
         "slid": "fraction that drifted more than landing.drift on the deck",
         "ditched": "fraction that met the water",
         "struck": "fraction one of whose rotors met a deck",
-        "collided": "fraction that met another aircraft of their deck",
         "late": "fraction that had not landed when the episode was over",
         "lost": "fraction that left the envelope of their model",
         "time_to_land_s": "time from the beginning to the first touch, median of those that landed",

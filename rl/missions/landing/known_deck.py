@@ -23,7 +23,7 @@ from torch import Tensor
 from rl.missions.landing.boats import Message
 from rl.missions.landing.deck_motion import DeckMotion
 from rl.missions.landing.marker import Look
-from rl.perception.due import BEGINS, NOT_DUE, Due
+from rl.step import BEGINS, NOT_DUE, Due
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import put, taken

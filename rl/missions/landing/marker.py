@@ -22,7 +22,7 @@ from torch import Tensor
 
 from rl.missions.landing.config import MarkerConfig
 from rl.missions.landing.deck_motion import Decks
-from rl.perception.due import NOT_DUE, Due
+from rl.step import NOT_DUE, Due
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import put, taken

@@ -1,6 +1,6 @@
 """Landing: multirotors come in over boats in a seaway and land on their decks.
 
-Aircraft i lands on boat i, modulo their number; several of one deck take turns (aircraft.py). An episode begins with
+Aircraft i lands on boat i. An episode begins with
 the boats under way, or still, on courses of their own, and each aircraft in hover 20 to 60 m from its deck, anywhere
 around. An aircraft knows itself by its instruments, the deck by a camera that sees a marker on it from near and by what
 the boat tells by radio (boats.py), late and at times lost (known_deck.py). It has landed when all its soles have been
@@ -23,8 +23,8 @@ from rl.missions.landing.deck_steadying import BoatTeam
 from rl.missions.landing.film import overlays_of
 from rl.missions.landing.judge import LandingJudge
 from rl.missions.landing.planning_model import ImaginedLanding, imagined_scenario
-from rl.perception.due import Due
 from rl.perception.radio import Radio
+from rl.step import Due
 from taichi_sim.config import ConfigError
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
@@ -55,37 +55,29 @@ def afloat(fleet: Fleet, config: LandingScenario, n: int, generator: torch.Gener
     return state, course, speed
 
 
-def aloft(team: Aircraft, over: Tensor, config: LandingConfig, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-    """Draw aircraft in hover around places `over` [n, aircraft, 2] (m), with any heading.
-
-    Returns their states [n, aircraft, 13], and unit vectors [n, aircraft, 2] from those places to them. Aircraft of one
-    deck are evenly spaced around it, to within a quarter of their spacing.
+def aloft(team: Aircraft, over: Tensor, config: LandingConfig, generator: torch.Generator) -> Tensor:
+    """Draw states [n, aircraft, 13] of aircraft in hover around places `over` [n, aircraft, 2] (m), with any heading.
 
     Raises:
         ConfigError: where two aircraft would begin in one place.
     """
     like, n = team.fleet.state, len(over)
     state = like.new_zeros((*over.shape[:2], STATE_SIZE))
-    away = like.new_zeros((*over.shape[:2], 2))
     rows = torch.arange(n, device=like.device)
     for _ in range(TRIES):
         draw = torch.rand((len(rows), over.shape[1], 4), generator=generator).to(like)
         side, heading, apart, up = draw.unbind(-1)
         (near, far), (low, high) = config.distance, config.height
-        if not team.alone:
-            first, each = side[:, team.boat_of], 1 / (int(team.rank.max()) + 1)
-            spaced = first + each * (team.rank + 0.5 * (side - 0.5))
-            side = torch.where(team.rank == 0, first, spaced)
         bearing, heading, distance = 2 * math.pi * side, 2 * math.pi * heading, near + (far - near) * apart
-        away[rows] = torch.stack((bearing.cos(), bearing.sin()), dim=-1)
-        state[rows, :, :2] = over[rows] + distance.unsqueeze(-1) * away[rows]
+        away = torch.stack((bearing.cos(), bearing.sin()), dim=-1)
+        state[rows, :, :2] = over[rows] + distance.unsqueeze(-1) * away
         state[rows, :, DOWN] = -(low + (high - low) * up)
         state[rows, :, QUATERNION] = torch_quaternion_from_euler(0 * heading, 0 * heading, heading)
         apart = torch.cdist(state[..., :3], state[..., :3])
         apart.diagonal(dim1=1, dim2=2).fill_(math.inf)
         rows = (apart.flatten(1).amin(1) < SPACED * team.fleet.model.collision_radius).nonzero().flatten()
         if not len(rows):
-            return state, away
+            return state
     raise ConfigError(
         f"landing.distance = {list(config.distance)}, landing.height = {list(config.height)}, landing.apart = "
         f"{config.apart:g}: two aircraft would begin in one place, {float(apart.amin()):.3g} m from each other; "
@@ -162,10 +154,10 @@ class Landing(Mission[LandingScenario, BoatTeam | SensingAircraft]):
         self.boats.truth(due)
         super().truth(due)
 
-    def sense(self, due: Due) -> None:
+    def perceive(self, due: Due) -> None:
         """Boats read their instruments, whether they take part or not; aircraft look at their decks, too."""
-        self.boats.sense(due)
-        super().sense(due)
+        self.boats.perceive(due)
+        super().perceive(due)
 
     def exchange(self, due: Due) -> None:
         """All have one radio."""
@@ -180,7 +172,7 @@ class Landing(Mission[LandingScenario, BoatTeam | SensingAircraft]):
         """Whether an aircraft has landed on each boat in this step, bool [env, boat]."""
         if self.aircraft is None:
             return torch.zeros_like(self.boats.steered, dtype=torch.bool)
-        return self.aircraft.ends()["landed"].unflatten(1, (-1, self.boats.fleet.count)).any(1)
+        return self.aircraft.ends()["landed"]
 
     # -- episodes --------------------------------------------------------------------------------------------------
 
@@ -194,9 +186,9 @@ class Landing(Mission[LandingScenario, BoatTeam | SensingAircraft]):
             x, y = self.boats.centre[:2]
             c, s = course.cos(), course.sin()
             decks = state[..., :2] + torch.stack((c * x - s * y, s * x + c * y), dim=-1)
-            over, away = aloft(self.aircraft, decks[:, self.aircraft.boat_of], self.config.landing, self.generator)
-            self.world.place(self.aircraft.name, envs, over)
-            self.aircraft.begin(envs, away)
+            state = aloft(self.aircraft, decks, self.config.landing, self.generator)
+            self.world.place(self.aircraft.name, envs, state)
+            self.aircraft.begin(envs)
 
     # -- what others ask -------------------------------------------------------------------------------------------
 
@@ -212,18 +204,9 @@ class Landing(Mission[LandingScenario, BoatTeam | SensingAircraft]):
 
     @classmethod
     def piloted(cls, config: LandingScenario, team: str) -> LandingScenario | None:
-        """Aircraft with a deck each; exact instruments, markers that are always found in sight, prompt messages.
-
-        Raises:
-            ConfigError: where aircraft share a deck.
-        """
+        """Exact instruments, markers that are always found in sight, prompt messages."""
         if team != config.landing.aircraft:
             return None
-        boats, aircraft = config.landing.boats, config.teams[team].count
-        if aircraft != config.teams[boats].count:
-            raise ConfigError(
-                f"{team}.count = {aircraft}: each lands on a boat of its own: --set {boats}.count={aircraft}"
-            )
         calm = imagined_scenario(config, config.sea.components)
         section = calm.parts[team]
         sure = section.marker.model_copy(update={"loss": 0.0, "spray": 0.0})

@@ -19,8 +19,8 @@ from rl.missions.landing.deck_motion import Decks
 from rl.missions.landing.foresight import Foresight
 from rl.missions.landing.host import Parts
 from rl.perception.contacts import SensorsConfig
-from rl.perception.due import Due
 from rl.perception.radio import RadioConfig
+from rl.step import Due
 from taichi_sim.config import SeaConfig
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, BELOW, DOWN, POSITION, QUATERNION, STATE_SIZE, VELOCITY
@@ -131,14 +131,14 @@ class ImaginedAircraft(Aircraft):
 
     def endings(self) -> dict[str, Tensor]:
         """Add `submerged`: soles are below the waterline of its boat."""
-        waterline = self.decks.fleet.position_n[:, self.boat_of, DOWN]
+        waterline = self.decks.fleet.position_n[..., DOWN]
         return super().endings() | {"submerged": self.fleet.position_n[..., DOWN] + self.soles_below > waterline}
 
     def conclude(self, due: Due) -> None:
         """Set the aircraft's knowledge of the deck to the predicted motion."""
         super().conclude(due)
         known, deck = self.known_deck, self.deck
-        rows = self._ways.foreseen(0)[:, self.boat_of]
+        rows = self._ways.foreseen(0)
         to = deck.place - self.fleet.position_n
         known.suppose(deck, to, rows[..., STATE_SIZE:], rows[..., ANGULAR_VELOCITY])
 
@@ -151,8 +151,7 @@ class ImaginedAircraft(Aircraft):
         transfer(team.pilot, self.pilot)
         self.pilot.height -= RAISED
         self.touched, self.settled = team.touches | team.touched, team.settled.clone()
-        self.time, self.aborts, self.bearing = team.time.clone(), team.aborts.clone(), team.bearing.clone()
-        self.turns, self.landed, self.over = team.turns.clone(), team.landed.clone(), team.over.clone()
+        self.time, self.aborts = team.time.clone(), team.aborts.clone()
 
 
 class ImaginedLanding(Mission[LandingScenario, ImaginedAircraft]):
@@ -215,7 +214,7 @@ class ImaginedLanding(Mission[LandingScenario, ImaginedAircraft]):
         wind = self.foresight.wind.mean(1) / self.world.wind.speed_factor(RAISED)  # one for an environment's aircraft
         self.world.wind.set_mean(everywhere, wind)
         ways = self.foresight.ways(team, own.position_n + up + team.known_deck.to)
-        self.ways.table.copy_(ways[everywhere.unsqueeze(1), team.turn])  # as the aircraft foresees it that lands there
+        self.ways.table.copy_(ways)
         self._clear()
         self.measure_anew()
         self.aircraft.go_on_from(team)

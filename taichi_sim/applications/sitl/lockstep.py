@@ -19,7 +19,6 @@ from contextlib import suppress
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike
 from torch import Tensor
 
 from taichi_sim.applications.sitl.ardupilot import Session, answer_all
@@ -75,12 +74,10 @@ class LockstepWorld(World):
         file = vehicle_file(self.config.teams[name], self._source)
         return load_vehicle(file, model.dt, model.substeps, source=self._source, **changes)
 
-    def step(self, actions: Mapping[str, ArrayLike | Tensor] | None = None) -> dict[str, Tensor]:
+    def advance(self, actions: dict[str, Tensor]) -> dict[str, Tensor]:
         """Advance by a decision; return the actions as taken, those of the autopilots in its last step included."""
-        taken = self.checked(actions)
-        for name, script in self.scripts.items():
-            if name not in taken:
-                taken[name] = self._checked(name, script(self), f"the script of {name}")
+        taken = actions
+        self.let_scripts_act(taken)
         touches = [fleet.touch for fleet in self.contacts.legged.values() if fleet.touch is not None]
         blows = [torch.zeros_like(touch.blow) for touch in touches]
         for left in reversed(range(self.parts)):

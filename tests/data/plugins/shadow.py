@@ -9,8 +9,8 @@ from torch import Tensor
 
 from rl.guidance.rewards import coarse, fine
 from rl.mission import Endings, Mission, Team
-from rl.perception.due import Due
 from rl.scenario import Scenario
+from rl.step import Due
 from taichi_sim.config import Positive
 
 
