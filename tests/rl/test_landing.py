@@ -273,7 +273,7 @@ def test_scenarios_that_cannot_be_flown_are_refused(override, told):
 
 def test_aircraft_that_begin_in_one_place_are_refused():
     with pytest.raises(ConfigError, match=r"landing.distance = \[0.0, 0.0\].*two aircraft would begin in one place"):
-        landing("usv.count=2", "uav.count=2", "landing.apart=0.01", "landing.distance=[0, 0]", "landing.height=[8, 8]")
+        landing("usv.count=2", "uav.count=2", "landing.apart=1.5", "landing.distance=[0, 0]", "landing.height=[8, 8]")
 
 
 def test_vehicles_that_cannot_land_are_refused():
