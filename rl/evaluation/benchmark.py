@@ -93,7 +93,7 @@ def frozen(task: Task) -> str:
     content = [task.model_dump(mode="json", exclude={"digest"}), {team: levels.get(team) for team in task.teams}]
     beside = sorted({other for team in task.teams for other in teams_beside(config, team)})
     apart = {name for name in config.teams if name not in beside}
-    data = config.model_dump(mode="json", exclude_none=True, exclude={"stages", "seed"} | apart)
+    data = config.model_dump(mode="json", exclude_none=True, exclude={"stages", "seed", "replaced"} | apart)
     for key in ("seed", "episodes"):
         data["evaluation"].pop(key)
     for name in beside:

@@ -128,8 +128,8 @@ def digest(config: Scenario, team: str) -> str:
     learning reads do not count, nor do teams that are not simulated with it.
     """
     beside = teams_beside(config, team)
-    apart = {name for name in config.teams if name not in beside}
-    data = config.model_dump(mode="json", exclude_none=True, exclude={"stages", "seed", "evaluation"} | apart)
+    left_out = {"stages", "seed", "evaluation", "replaced"} | {name for name in config.teams if name not in beside}
+    data = config.model_dump(mode="json", exclude_none=True, exclude=left_out)
     for name in beside:
         for key in LEARNING:
             data.get(name, {}).pop(key, None)
