@@ -8,7 +8,7 @@ import pytest
 from scipy.special import k0, k1
 
 from taichi_sim.applications.hydro import hull_input, resistance
-from taichi_sim.applications.hydro.resistance import HullForm, Resistance
+from taichi_sim.applications.hydro.resistance import HullForm, Race, Resistance
 from taichi_sim.applications.hydro.vehicle_file import Flow, Given, Thruster, added_mass, vehicle_text
 from taichi_sim.applications.hydro.wetted_surface import WettedSurface
 from taichi_sim.config import ConfigError
@@ -65,7 +65,8 @@ def flow(sway: float = 320.0) -> Flow:
     omega = np.linspace(1.0, 12.0, 24)
     A = np.repeat(endless[None], len(omega), axis=0)
     A[:, 2, 2] = np.where(np.abs(omega - 6.5) < 1.0, -150.0, A[:, 2, 2])
-    return Flow(slow, endless, omega, A, np.repeat(np.eye(6)[None], len(omega), axis=0), {2: 6.5, 3: 5.6, 4: 6.6})
+    B = np.repeat(np.diag([1, 1, 300, 60, 150, 1.0])[None], len(omega), axis=0)
+    return Flow(slow, endless, omega, A, B, {2: 6.5, 3: 5.6, 4: 6.6})
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +78,7 @@ def boat(tmp_path_factory):
 
 def test_added_mass_of_slow_motion_is_neither_a_resonances_nor_clipped(boat):
     A, told = added_mass(flow(), boat[1], RHO, "cat")
-    assert np.diag(A) == pytest.approx([11, 320, 185, 80, 82, 185]) and A[1, 5] == -9.7
+    assert np.diag(A) == pytest.approx([11, 320, 185, 53, 82, 185]) and A[1, 5] == -9.7
     assert len(told) == 1 and "infinite frequency" in told[0]
     assert "times that of strips" in added_mass(flow(30.0), boat[1], RHO, "cat")[1][-1]
     with pytest.raises(ConfigError, match="not positive definite.*raise --panels"):
@@ -90,14 +91,15 @@ def test_the_vehicle_of_a_mesh_is_whole(boat, tmp_path, azimuth):
     craft, form = boat
     units = tuple(Thruster(-1.35, y, 0.15, 60.0) for y in (-0.55, 0.55))
     C = np.diag([0, 0, 16000.0, 4500, 8700, 0])
-    for given, thrust in ((Given(units, azimuth), 120.0), (Given(), None)):
+    races = (Race(60.0, np.sqrt(8 * 60.0 / (np.pi * RHO * 0.2**2))),) * 2
+    for given, thrust in ((Given(units, azimuth, 0.2), 120.0), (Given(), None)):
         text, told = vehicle_text(craft, form, flow(), C, given, RHO, G, "constant", "hydrodynamics cat.stl")
         file = tmp_path / "cat.toml"
         file.write_text(text)
         model = load_vehicle(file, 0.02, 5)
         assert isinstance(model, Hull6Dof)
         if thrust:
-            assert model.top_speed == pytest.approx(Resistance(form, RHO, G).speed(thrust), rel=0.01)
+            assert model.top_speed == pytest.approx(Resistance(form, RHO, G, races).speed(thrust), rel=0.01)
             assert (model.params.actions == "wrench") == azimuth
         assert (thrust is None) == any("no --thruster" in line for line in told)
         assert text.count("assumed") >= 6

@@ -171,7 +171,7 @@ def _run(args: argparse.Namespace, command: str) -> None:
             part.write_text(text, encoding="utf-8")
         return told
 
-    told = vehicle(plan.flow, "constant")
+    told = vehicle(plan.flow, "constant, as asked" if args.only_vehicle else "constant")
     if craft.shape is not None:
         print(f"{file}: a vehicle, whole but for the database", *told, sep="\n")
     if args.only_vehicle:

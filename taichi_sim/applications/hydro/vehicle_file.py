@@ -2,14 +2,14 @@
 
 Every number has a line with its source. What nobody gave is assumed, and the line says so and how much it matters.
 
-- Added mass: surge, sway, roll and yaw in the limit omega -> 0, because manoeuvres are slow; heave and pitch at their
+- Added mass: surge, sway and yaw in the limit omega -> 0, because manoeuvres are slow; heave, roll and pitch at their
   resonances, where they oscillate. Near a resonance of water between two hulls the latter may be negative or many times
   as large; then they are those of infinite frequency.
 - Surge resistance: resistance.py, as a u + b u^2 up to the top speed.
 - Cross-flow drag: Hoerner (1965) along each hull. Lift: the linear derivatives of Clarke, Gedling and Hine (1983, The
   application of manoeuvring criteria in hull design using linear theory, Trans. RINA 125) for each hull, less what
-  Coriolis and Munk loads of the added mass already hold. A stern that rises changes little: flow across the hull has
-  separated before it.
+  Coriolis and Munk loads of the added mass already hold. They are of ships with a stern as deep as the hull; lift goes
+  with the square of the draught where the flow leaves (slender bodies: Newman 1977, Marine Hydrodynamics, sec. 7.8).
 - Heave, roll, pitch: radiation at the resonance; in roll a share of the critical damping for viscosity.
 """
 
@@ -26,13 +26,14 @@ from taichi_sim.models.usv.hull.database import SUFFIX
 from taichi_sim.models.usv.hull.params import COUPLED, AddedCoupling
 
 Array = NDArray[np.float64]
-OSCILLATING = [2, 4]  # modes whose added mass is that at their resonance; of others, that of omega -> 0
+OSCILLATING = [2, 4]  # modes whose added mass is that at their resonance (A44 alone, too); of others, omega -> 0
 NEAR_INF = (0.5, 2.0)  # allowed A(resonance) / A(infinity) of these; assumed
 TINY = 1e-12  # avoids a division by zero
 SYMMETRIC = 0.1  # allowed asymmetry of a computed added mass, from coarse panels; assumed
 STRIPS = (0.5, 2.2)  # allowed sway added mass over rho pi T^2 / 2 of each section (half ellipses); assumed
 ROLL = 0.04  # viscous share of critical roll damping; assumed: slender hulls without bilge keels have 0.02 to 0.07
 PLAUSIBLE_FROUDE = 0.4  # Froude number of the top speed of a boat whose thrusters are not given; assumed
+SHAFT = 100.0  # rad/s, of propellers at full thrust; assumed
 ASTERN = 0.6  # thrust astern over thrust ahead; assumed
 DISC = 4000.0  # N/m^2, thrust at rest over the square of the diameter; assumed: small boats have 1500 to 9000
 LIFT_UNITS = ("kg/m", "kg", "kg", "kg m")
@@ -45,6 +46,7 @@ UNFINISHED = "UNFINISHED"  # mark of a file whose database is not there yet
 RADIATION = {
     "memory": 'radiation = "memory"  # and diffraction, of the database\ndatabase = "{name}' + SUFFIX + '"',
     "constant": f'radiation = "constant"  # {UNFINISHED}: coarse panels, no database yet; run the command above again',
+    "constant, as asked": 'radiation = "constant"  # added mass and damping below: for calm water (--only-vehicle)',
     "constant, no memory fits": 'radiation = "constant"  # added mass and damping below; no memory fitted the database',
 }
 
@@ -101,6 +103,8 @@ def added_mass(flow: Flow, form: HullForm, rho: float, name: str) -> tuple[Array
         fast = flow.endless
     A[OSCILLATING] = fast[OSCILLATING]
     A[:, OSCILLATING] = fast[:, OSCILLATING]
+    roll, endless = flow.at(flow.added_mass, 3, 3), float(flow.endless[3, 3])
+    A[3, 3] = roll if NEAR_INF[0] < roll / endless < NEAR_INF[1] else endless
     kept = np.eye(6, dtype=bool)
     for i, j in COUPLED:
         kept[i, j] = kept[j, i] = True
@@ -132,7 +136,8 @@ def lift(form: HullForm, A: Array, rho: float) -> dict[str, float]:
     N_ur = scale * L**2 * (0.25 + 0.039 * B / T - 0.56 * B / L) + A[1, 5]
     most = 0.999 * 2 * np.sqrt(Y_uv * N_ur)
     N_uv = float(np.clip(N_uv, -most - Y_ur, most - Y_ur))
-    return {"Y_uv": Y_uv, "Y_ur": Y_ur, "N_uv": N_uv, "N_ur": N_ur}
+    stern = (form.stern_draught / T) ** 2
+    return {"Y_uv": stern * Y_uv, "Y_ur": stern * Y_ur, "N_uv": stern * N_uv, "N_ur": stern * N_ur}
 
 
 def vehicle_text(
@@ -194,8 +199,8 @@ gyration = {_row(gyration)}  # m{gyration_note}
 
 [hydrodynamics]
 {RADIATION[radiation].format(name=craft.name)}
-# For Coriolis and Munk loads. Potential theory: surge, sway, roll, yaw and coupling in the limit of slow motion, heave
-# and pitch at their resonances ({flow.resonances[2]:.3g} and {flow.resonances[4]:.3g} rad/s)
+# For Coriolis and Munk loads. Potential theory: surge, sway, yaw and coupling in the limit of slow motion; heave, roll,
+# pitch at their resonances ({flow.resonances[2]:.3g}, {flow.resonances[3]:.3g} and {flow.resonances[4]:.3g} rad/s)
 added_mass = {_row(np.diag(A))}  # kg, kg m^2
 added_coupling = {{ {coupling} }}  # kg m, kg m^2
 # Surge at {top:.3g} m/s, fitted below it within {100 * error:.2g} % of that (top speed goes with its square root):
@@ -213,7 +218,8 @@ cross_flow_draft = {form.hulls * mean_draught:.6g}  # m
 cross_flow_coefficient = {C_d:.6g}
 
 [hydrodynamics.lift]
-# Clarke, Gedling and Hine (1983), of {_count(form)}, less Munk and Coriolis loads{_clarke(form)}
+# Clarke, Gedling and Hine (1983), of {_count(form)}, less Munk and Coriolis loads, times the square of stern draught
+# {form.stern_draught:.3g} m over draught (slender bodies: Newman 1977){_clarke(form)}
 {lifts}
 
 {thrusters}
@@ -285,10 +291,10 @@ def _thrusters(
         text = f'''{note}[thrusters]
 left = {_row(left[:3])}  # m
 right = {_row(right[:3])}  # m
-k_positive = {left.thrust:.6g}  # N, at full speed: speeds are shares of it
-k_negative = {ASTERN * left.thrust:.6g}  # N; assumed {ASTERN:g} of that ahead: for stopping and turns at rest
-n_max = 1.0
-n_min = -1.0
+k_positive = {left.thrust / SHAFT**2:.6g}  # N s^2
+k_negative = {ASTERN * left.thrust / SHAFT**2:.6g}  # N s^2; assumed {ASTERN:g} of that: for stops, turns at rest
+n_max = {SHAFT:g}  # rad/s; assumed: the thrust of {left.thrust:.6g} N alone matters
+n_min = {-SHAFT:g}
 lag = {LAG:g}  # s; assumed: it matters for control faster than some 1 / lag
 '''
         return text, "surge_yaw", top, resistance
