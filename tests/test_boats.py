@@ -37,7 +37,7 @@ def test_a_propeller_keeps_its_power(u):
 
 def test_lift_and_coriolis_loads_make_the_whole_whatever_the_added_mass():
     """With u: Y = -A11 u r and N = -(A22 - A11) u v - A26 u r are Coriolis and Munk loads of added mass."""
-    form = cast(HullForm, SimpleNamespace(length=7.0, beam=1.2, draught=0.4, volume=2.6, hulls=1, stern_draught=0.4))
+    form = cast(HullForm, SimpleNamespace(length=7.0, beam=1.2, draught=0.4, volume=2.6, hulls=1))
     rng = np.random.default_rng(2)
     wholes = []
     for _ in range(2):

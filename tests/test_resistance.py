@@ -65,7 +65,8 @@ def flow(sway: float = 320.0) -> Flow:
     omega = np.linspace(1.0, 12.0, 24)
     A = np.repeat(endless[None], len(omega), axis=0)
     A[:, 2, 2] = np.where(np.abs(omega - 6.5) < 1.0, -150.0, A[:, 2, 2])
-    return Flow(slow, endless, omega, A, np.repeat(np.eye(6)[None], len(omega), axis=0), {2: 6.5, 3: 5.6, 4: 6.6})
+    B = np.repeat(np.diag([1, 1, 300, 60, 150, 1.0])[None], len(omega), axis=0)
+    return Flow(slow, endless, omega, A, B, {2: 6.5, 3: 5.6, 4: 6.6})
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,7 @@ Every number has a line with its source. What nobody gave is assumed, and the li
 - Surge resistance: resistance.py, as a u + b u^2 up to the top speed.
 - Cross-flow drag: Hoerner (1965) along each hull. Lift: the linear derivatives of Clarke, Gedling and Hine (1983, The
   application of manoeuvring criteria in hull design using linear theory, Trans. RINA 125) for each hull, less what
-  Coriolis and Munk loads of the added mass already hold. A stern that rises changes little: flow across the hull has
-  separated before it.
+  Coriolis and Munk loads of the added mass already hold.
 - Heave, roll, pitch: radiation at the resonance; in roll a share of the critical damping for viscosity.
 """
 
@@ -33,6 +32,7 @@ SYMMETRIC = 0.1  # allowed asymmetry of a computed added mass, from coarse panel
 STRIPS = (0.5, 2.2)  # allowed sway added mass over rho pi T^2 / 2 of each section (half ellipses); assumed
 ROLL = 0.04  # viscous share of critical roll damping; assumed: slender hulls without bilge keels have 0.02 to 0.07
 PLAUSIBLE_FROUDE = 0.4  # Froude number of the top speed of a boat whose thrusters are not given; assumed
+SHAFT = 100.0  # rad/s, of propellers at full thrust; assumed
 ASTERN = 0.6  # thrust astern over thrust ahead; assumed
 DISC = 4000.0  # N/m^2, thrust at rest over the square of the diameter; assumed: small boats have 1500 to 9000
 LIFT_UNITS = ("kg/m", "kg", "kg", "kg m")
@@ -288,10 +288,10 @@ def _thrusters(
         text = f'''{note}[thrusters]
 left = {_row(left[:3])}  # m
 right = {_row(right[:3])}  # m
-k_positive = {left.thrust:.6g}  # N, at full speed: speeds are shares of it
-k_negative = {ASTERN * left.thrust:.6g}  # N; assumed {ASTERN:g} of that ahead: for stopping and turns at rest
-n_max = 1.0
-n_min = -1.0
+k_positive = {left.thrust / SHAFT**2:.6g}  # N s^2
+k_negative = {ASTERN * left.thrust / SHAFT**2:.6g}  # N s^2; assumed {ASTERN:g} of that: for stops, turns at rest
+n_max = {SHAFT:g}  # rad/s; assumed: the thrust of {left.thrust:.6g} N alone matters
+n_min = {-SHAFT:g}
 lag = {LAG:g}  # s; assumed: it matters for control faster than some 1 / lag
 '''
         return text, "surge_yaw", top, resistance

@@ -26,7 +26,7 @@ from taichi_sim.kernels.conventions import BELOW
 Array = NDArray[np.float64]
 Count = Annotated[int, Field(ge=1, le=400)]
 Along = Annotated[Finite, Plausible(2e-4, 0.6, "m", of="length", either=True)]
-Half = Annotated[NonNegative, Plausible(1e-3, 0.6, "m", of="beam")]
+Half = Annotated[NonNegative, Plausible(0.0, 0.6, "m", of="beam")]  # next to nothing at a stem
 Depth = Annotated[Finite, Plausible(-1.2, 1.2, "m", of="height")]
 Breadth = Annotated[NonNegative, Plausible(0.01, 1.1, "m", of="beam")]
 Section = Annotated[tuple[tuple[Half, Depth], ...], Field(min_length=2, max_length=50)]

@@ -190,7 +190,7 @@ class Hydrodynamics(Strict):
     damping_relative_to: Literal["water", "current"] = "water"
     # of the strip integral; 0: no cross-flow drag
     cross_flow_length: Annotated[NonNegative, Plausible(0.3, 1.2, "m", of="length")] = 0.0
-    cross_flow_draft: Annotated[NonNegative, Plausible(0.1, 1.5, "m", of="draft")] = 0.0
+    cross_flow_draft: Annotated[NonNegative, Plausible(0.1, 2.5, "m", of="draft")] = 0.0  # of two hulls: both
     # 2-D drag coefficient of a section (Hoerner 1965)
     cross_flow_coefficient: Annotated[NonNegative, Plausible(0.1, 3.0)] = 0.0
     cross_flow_strips: Annotated[int, Field(ge=2, le=101)] = 21  # including both ends; width = length / (strips - 1)
