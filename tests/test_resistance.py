@@ -65,7 +65,8 @@ def flow(sway: float = 320.0) -> Flow:
     omega = np.linspace(1.0, 12.0, 24)
     A = np.repeat(endless[None], len(omega), axis=0)
     A[:, 2, 2] = np.where(np.abs(omega - 6.5) < 1.0, -150.0, A[:, 2, 2])
-    return Flow(slow, endless, omega, A, np.repeat(np.eye(6)[None], len(omega), axis=0), {2: 6.5, 3: 5.6, 4: 6.6})
+    B = np.repeat(np.diag([0, 0, 330.0, 240, 180, 0])[None], len(omega), axis=0)
+    return Flow(slow, endless, omega, A, B, {2: 6.5, 3: 5.6, 4: 6.6})
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +87,9 @@ def test_added_mass_of_slow_motion_is_neither_a_resonances_nor_clipped(boat):
 
 @pytest.mark.parametrize("azimuth", [False, True])
 def test_the_vehicle_of_a_mesh_is_whole(boat, tmp_path, azimuth):
-    """It loads, has the resistance's top speed under its thrust, and says what is assumed."""
+    """It loads, its thrust at rest, which falls with speed, drives it somewhat slower than a thrust that stays, and it
+    says what is assumed.
+    """
     craft, form = boat
     units = tuple(Thruster(-1.35, y, 0.15, 60.0) for y in (-0.55, 0.55))
     C = np.diag([0, 0, 16000.0, 4500, 8700, 0])
@@ -97,7 +100,7 @@ def test_the_vehicle_of_a_mesh_is_whole(boat, tmp_path, azimuth):
         model = load_vehicle(file, 0.02, 5)
         assert isinstance(model, Hull6Dof)
         if thrust:
-            assert model.top_speed == pytest.approx(Resistance(form, RHO, G).speed(thrust), rel=0.01)
+            assert 0.7 < model.top_speed / Resistance(form, RHO, G).speed(thrust) < 1.0
             assert (model.params.actions == "wrench") == azimuth
         assert (thrust is None) == any("no --thruster" in line for line in told)
         assert text.count("assumed") >= 6
