@@ -109,7 +109,7 @@ def test_a_mesh_becomes_a_vehicle(tmp_path, capsys):
     found = HydroDatabase.read(tmp_path / "box.hydro.json")
     assert found.hull == hull_hash(craft.panels) and length == pytest.approx(4.0)
     assert found.volume == pytest.approx(4.0, rel=1e-3)
-    model = load_vehicle(tmp_path / "box.toml", 0.02, 8)
+    model = load_vehicle(tmp_path / "box.toml", 0.02, 8, actions="left_right")  # 0: its assumed propellers rest
     assert isinstance(model, Hull6Dof) and len(model.radiation.memory) > 0
     heave = motions(model, np.array([0.9, 2.8]), np.array([np.pi, np.pi / 2]), 10.0)[:, 2]
     assert np.abs(heave) == pytest.approx([1.0, 1.5], rel=0.05)  # as a cork, and near its resonance as tables have it

@@ -87,7 +87,9 @@ def test_added_mass_of_slow_motion_is_neither_a_resonances_nor_clipped(boat):
 
 @pytest.mark.parametrize("azimuth", [False, True])
 def test_the_vehicle_of_a_mesh_is_whole(boat, tmp_path, azimuth):
-    """It loads, has the resistance's top speed under its thrust, and says what is assumed."""
+    """It loads, its thrust at rest, which falls with speed, drives it somewhat slower than a thrust that stays, and it
+    says what is assumed.
+    """
     craft, form = boat
     units = tuple(Thruster(-1.35, y, 0.15, 60.0) for y in (-0.55, 0.55))
     C = np.diag([0, 0, 16000.0, 4500, 8700, 0])

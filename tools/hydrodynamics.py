@@ -98,7 +98,7 @@ def parser() -> argparse.ArgumentParser:
     what.add_argument("--range", type=positive_float, nargs=2, metavar=("LO", "HI"), help="of frequencies, rad/s")
     what.add_argument("--also", type=positive_float, nargs="+", default=(), metavar="W", help="more of them, rad/s")
     what.add_argument("--heading-step", type=float, metavar="DEG", help="default: 15; less of long hulls")
-    what.add_argument("--panels", type=int, default=1200, metavar="N", help="of half the hull or a quarter (1200)")
+    what.add_argument("--panels", type=int, default=1200, metavar="N", help="of a half or quarter (1200; 0: as given)")
     what.add_argument("--divisions", type=int, default=0, metavar="N", help="instead: even parts of a panel each way")
     what.add_argument("--gap-damping", type=float, metavar="E", help="of water between hulls (0.03; 0 none)")
     what.add_argument("--method", choices=("direct", "sources"), default="direct", help="default: direct")

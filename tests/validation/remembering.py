@@ -170,11 +170,11 @@ def _compute(case: Case, name: str, craft: Any, surface: Any, data: Any, floatin
     also = tuple(sorted({float(w) for w in _frequencies(case, name)}))
     spectrum = make_database.Spectrum(None, None, also, None)
     wishes = make_database.Wishes(
-        number(data, "rho"), GRAVITY, np.inf, 1, 0, 0.0, True, "direct", spectrum, os.cpu_count() or 1, False
+        number(data, "rho"), GRAVITY, np.inf, 0, 0, 0.0, True, "direct", spectrum, os.cpu_count() or 1, False
     )  # the mesh as it is
     kept.parent.mkdir(parents=True, exist_ok=True)
     with redirect_stdout(sys.stderr):
-        found, _resonances = make_database.run(craft, surface, wishes, code, f"validate: {name}")
+        found = make_database.run(make_database.plan(craft, surface, wishes), wishes, code, f"validate: {name}")
         completed(found, floating)[0].write(kept)
 
 

@@ -102,7 +102,7 @@ class Wishes(NamedTuple):
     rho: float  # kg/m^3
     g: float  # m/s^2
     depth: float  # m; inf: deep water
-    panels: int
+    panels: int  # 0: a mesh as it is
     divisions: int
     gap_damping: float | None
     lid: bool
@@ -200,13 +200,11 @@ def _surface(craft: FloatingHull, mesh: WettedSurface | None, wishes: Wishes) ->
         found = wetted(craft.panels, tiny, wishes.divisions)
         return found, float(np.median(found.edge))
     _check_same(craft, mesh, wishes)
-    if len(mesh) > 2 * wishes.panels:
+    if wishes.panels and len(mesh) > (2 * wishes.panels if craft.shape else MOST):
         own, size = divided(craft.panels, wishes.panels)
-        if craft.shape is None and len(mesh) <= MOST:
-            return mesh, float(np.median(mesh.edge))
-        print(f"the mesh has {len(mesh)} panels below water: computed on {len(own)} of the table of offsets")
+        print(f"the mesh has {len(mesh)} panels below water: computed on {len(own)} of the vehicle's table of offsets")
         return own, size
-    mesh = of_number(mesh, wishes.panels)
+    mesh = of_number(mesh, wishes.panels) if wishes.panels else mesh
     return mesh, float(np.sqrt(np.linalg.norm(mesh.area, axis=1).mean()))
 
 

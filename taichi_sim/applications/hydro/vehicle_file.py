@@ -32,10 +32,10 @@ SYMMETRIC = 0.1  # allowed asymmetry of a computed added mass, from coarse panel
 STRIPS = (0.5, 2.2)  # allowed sway added mass over rho pi T^2 / 2 of each section (half ellipses); assumed
 ROLL = 0.04  # viscous share of critical roll damping; assumed: slender hulls without bilge keels have 0.02 to 0.07
 PLAUSIBLE_FROUDE = 0.4  # Froude number of the top speed of a boat whose thrusters are not given; assumed
-SHAFT = 100.0  # rad/s, of propellers at full thrust; assumed
 ASTERN = 0.6  # thrust astern over thrust ahead; assumed
 DISC = 4000.0  # N/m^2, thrust at rest over the square of the diameter; assumed: small boats have 1500 to 9000
 LIFT_UNITS = ("kg/m", "kg", "kg", "kg m")
+SHAFT = 100.0  # rad/s, highest shaft speed; assumed
 LAG = 0.2  # s, of thrusters; assumed
 TURN_RATE = 90.0  # deg/s, of azimuth thrusters; assumed
 OUTBOARD = 0.45  # distance of assumed propellers behind CO, over the length
@@ -212,8 +212,8 @@ linear = {_row(linear)}  # N s/m, N m s
 quadratic = [{b:.6g}, 0.0, 0.0, 0.0, 0.0, 0.0]  # N s^2/m^2
 # Hoerner (1965) at B / 2T = {form.beam / (2 * form.draught):.3g} of {_count(form)}, over the mean draught{_shade(form)}
 cross_flow_length = {form.length:.6g}  # m
-cross_flow_draft = {form.hulls * mean_draught:.6g}  # m
-cross_flow_coefficient = {C_d:.6g}
+cross_flow_draft = {mean_draught:.6g}  # m
+cross_flow_coefficient = {form.hulls * C_d:.6g}{"" if form.hulls == 1 else "  # of both hulls"}
 
 [hydrodynamics.lift]
 # Clarke, Gedling and Hine (1983), of {_count(form)}, less Munk and Coriolis loads{_clarke(form)}
@@ -288,10 +288,11 @@ def _thrusters(
         text = f'''{note}[thrusters]
 left = {_row(left[:3])}  # m
 right = {_row(right[:3])}  # m
+# {left.thrust:.6g} N at n_max: assumed shaft speeds, which nothing else hangs on
 k_positive = {left.thrust / SHAFT**2:.6g}  # N s^2
-k_negative = {ASTERN * left.thrust / SHAFT**2:.6g}  # N s^2; assumed {ASTERN:g} of that: for stops, turns at rest
-n_max = {SHAFT:g}  # rad/s; assumed: the thrust of {left.thrust:.6g} N alone matters
-n_min = {-SHAFT:g}
+k_negative = {ASTERN * left.thrust / SHAFT**2:.6g}  # N s^2; assumed {ASTERN:g} of that ahead: for stopping
+n_max = {SHAFT:g}  # rad/s
+n_min = {-SHAFT:g}  # rad/s
 lag = {LAG:g}  # s; assumed: it matters for control faster than some 1 / lag
 '''
         return text, "surge_yaw", top, resistance

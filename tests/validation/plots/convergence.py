@@ -77,7 +77,7 @@ def _computed(panels: int) -> HydroDatabase:
     jobs = os.cpu_count() or 1
     wishes = make_database.Wishes(RHO_SEA, GRAVITY, np.inf, panels, 0, None, True, "direct", spectrum, jobs, True)
     with redirect_stdout(StringIO()):
-        return make_database.run(craft, None, wishes, code, "convergence")[0]
+        return make_database.run(make_database.plan(craft, None, wishes), wishes, code, "convergence")
 
 
 def _panel_errors(run: HydroDatabase, best: HydroDatabase) -> dict[tuple[str, int], float]:
