@@ -83,7 +83,7 @@ def test_a_run_that_is_not_evaluated_ends_with_training_and_is_evaluated_on_resu
 
 
 def test_a_sea_too_steep_is_refused(here, tmp_path):
-    ending = here("rl.train", "--config", "paper", "--out", tmp_path / "new", *sets(*TINY, "sea.hs=10"))
+    ending = here("rl.train", "--config", "paper", "--out", tmp_path / "new", *sets(*TINY, "sea.hs=10", "sea.tp=6"))
     ending.fails("too steep", "sea.hs")
 
 
