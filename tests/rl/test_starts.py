@@ -23,7 +23,7 @@ STARTS = {
     "boats, pillars and traffic": ("otter", *FEW),
     "boats at a vessel": ("escort", "escort.near_fraction=1.0"),
     "boats far from a vessel, aircraft above": ("escort", "escort.near_fraction=0.0"),
-    "copters of one deck": ("landing", "uav.count=3"),
+    "copters at a boat each": ("landing", "uav.count=3", "usv.count=3"),
 }
 
 
