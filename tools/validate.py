@@ -24,7 +24,7 @@ if __package__ in (None, ""):  # run as a script: the packages are beside this f
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from taichi_sim.config.io import output
-from tests.validation.boats import write_section
+from tests.validation.boats import write_tables
 from tests.validation.document import write
 from tests.validation.report import NothingToCheckError, validate
 
@@ -33,7 +33,7 @@ def main(argv: list[str] | None = None) -> int:
     """Run the command; return the exit status."""
     parser = argparse.ArgumentParser(description="Check this package against reference tables.")
     parser.add_argument("--reference", type=Path, help="directory of the tables")
-    text = "instead: make boats from meshes, sail them beside their truth, and write the section of this page (minutes)"
+    text = "instead: make boats of meshes, sail them beside their truth, write the tables of this page (minutes)"
     parser.add_argument("--boats", type=output, metavar="PAGE.md", help=text)
     parser.add_argument("--json", type=output, help="also write the report here, as JSON")
     parser.add_argument("--report", type=output, help="also write a page (Markdown), with a folder of pictures")
@@ -41,7 +41,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--bem", type=Path, metavar="FOLDER", help=text)
     arguments = parser.parse_args(argv)
     if arguments.boats:
-        write_section(arguments.boats)
+        write_tables(arguments.boats)
         return 0
     if arguments.reference is None:
         parser.error("--reference DIR, or --boats PAGE.md, is needed")

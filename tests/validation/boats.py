@@ -42,12 +42,13 @@ AIM = 0.25  # of each figure
 FLIPPED = np.array([1.0, -1.0, -1.0])  # from b to the frame of meshes: y to port, z up
 HELM, HEADING = 20.0, 20.0  # deg, of the zigzag
 LOG, SEED = 600.0, 3  # s, and the seed of its commands and errors
-PRIORS = {  # of the fit: what the command doubts in a boat unlike a ship
-    "hydrodynamics.linear.0": 0.4, "hydrodynamics.added_mass.1": 0.4, "hydrodynamics.added_mass.5": 0.4,
-    CROSS_FLOW: 0.4, LIFT[0]: 0.8, LIFT[2]: 0.8, LIFT[3]: 0.8,
+PRIORS = {  # of the fit: surge, and what turns the boat; two propellers tell little of sway
+    "hydrodynamics.linear.0": 0.4, "hydrodynamics.added_mass.5": 0.4, CROSS_FLOW: 0.8, LIFT[3]: 0.8,
+    "thrusters.lag": 0.4,
 }  # fmt: skip
 TITLE = "## Boats from their meshes"
-TEXT, CAUSES, EXAMPLE = "", "", ""
+BOATS_HEAD = "| boat | figure | truth | from the mesh | with the true top speed |"
+FIT_HEAD = "| figure | truth | from the mesh | after the fit |"
 SHARES = 0.05, 20.0  # of a resistance, between which the true top speed lies
 PANELS = "400"  # of half a hull: no waves are computed
 POINTS = "6"  # of the offsets' sections
@@ -63,6 +64,7 @@ FINEST, FULLEST = 0.4, BLOCK / PRISMATIC  # fullness of a section: least (assume
 SURGE, YAW = 1.0, 0.3  # N, N m, of the trials: those of [S]'s reference turn (docs/trials.md)
 STERN, BOW = (-0.5, 0.08), 0.47  # m, places of thrusters; assumed, where the model has its own
 UNIT = 2.0  # N, of each
+AT_ONCE = {"lag": 0.0, "turn_rate_deg": 3600.0}  # its forces act at once, as in the identified model
 
 
 def supply_vessel() -> Panels:
@@ -141,6 +143,7 @@ class Boat:
     ahead: float = 1.0  # share of its full thrust
     helm: float = 1.0  # share of its full helm, in the turning circle
     changes: Mapping[str, Any] = field(default_factory=dict)  # of the truth's file
+    made: Mapping[str, Any] = field(default_factory=dict)  # of the made file, where the user knows better
     rolls: bool = True  # whether the truth has a roll of its own
     published: Figures | None = None  # from tests
 
@@ -162,7 +165,8 @@ BOATS = (
         "cybership2", supply_vessel,
         ("--mass", f"{MASS}", "--cg", f"{X_G}", "0", "0", "--rho", f"{FRESH}", "--azimuth", "--propeller", "0",
          *(word for y in (-STERN[1], STERN[1]) for word in ("--thruster", f"{STERN[0]}", f"{y}", "0.05", f"{UNIT}")),
-         "--thruster", f"{BOW}", "0", "0.05", f"{UNIT}"), "cybership2", 0.5, 0.2, rolls=False,
+         "--thruster", f"{BOW}", "0", "0.05", f"{UNIT}"), "cybership2",
+        0.5, 0.2, made={"actuators": {f"unit_{k}": AT_ONCE for k in (1, 2, 3)}}, rolls=False,
     ),
     Boat(
         "kvlcc2", shipped_hull("kvlcc2_6dof"),
@@ -221,7 +225,7 @@ def compared(boat: Boat, file: Path) -> tuple[Figures, Figures, Figures]:
     true = sailed(boat.truth, boat.changes, boat.ahead, boat.helm, HELM, boat.rolls)
     surge, yaw = np.divide(_full(boat.truth), _full(file)) if boat.truth == "cybership2" else (1.0, 1.0)
     loads = boat.ahead * surge, boat.helm * yaw, HELM * yaw
-    made = sailed(file, {}, *loads, True)
+    made = sailed(file, boat.made, *loads, True)
     params = load_vehicle(file).params
     assert isinstance(params, Hull6DofParams)
     drag = params.hydrodynamics
@@ -235,7 +239,7 @@ def compared(boat: Boat, file: Path) -> tuple[Figures, Figures, Figures]:
 
     share = brentq(beyond, *SHARES)
     scaled = {name: [share * getattr(drag, name)[0], *getattr(drag, name)[1:]] for name in ("linear", "quadratic")}
-    return true, made, sailed(file, {"hydrodynamics": scaled}, *loads, False)._replace(roll=made.roll)
+    return true, made, sailed(file, {**boat.made, "hydrodynamics": scaled}, *loads, False)._replace(roll=made.roll)
 
 
 def _full(vehicle: str | Path) -> tuple[float, float]:
@@ -261,24 +265,11 @@ def ten_minutes(folder: Path) -> tuple[Figures, list[str]]:
     return sailed(out, {}, boat.ahead, boat.helm, HELM, True), command.lines(found, logs)
 
 
-def row(boat: str, name: str, true: float, *others: float) -> str:
-    """A row of the table: figures of the truth and others, with their differences."""
-    cells = (f"{x:.3g} ({100 * (x / true - 1):+.0f} %)" if math.isfinite(x / true) else f"{x:.3g}" for x in others)
-    return f"| {boat} | {name} | {true:.3g} | {' | '.join(cells)} |".replace("nan", "-")
-
-
-def table(found: Mapping[str, Sequence[Figures]]) -> str:
-    """Figures of all boats as a table of Markdown, and the causes of what is outside the aim."""
-    lines = ["| boat | figure | truth | from the mesh | with the true top speed |", "|---|---|--:|--:|--:|"]
-    for boat, figures in found.items():
-        lines += [row(boat, NAMES[key], *(getattr(f, key) for f in figures)) for key in NAMES]
-    return "\n".join(lines)
-
-
-def put_section(page: str, section: str) -> str:
-    """The page with its section on boats replaced, or with a new one at its end."""
-    kept = re.sub(rf"(?ms)^{re.escape(TITLE)}$.*?(?=^## |\Z)", "", page).rstrip()
-    return f"{kept}\n\n{section.strip()}\n"
+def row(*cells: str, figures: Sequence[float]) -> str:
+    """A row of a table: cells, the truth, and others with their differences from it."""
+    true, *others = figures
+    told = [f"{x:.3g} ({100 * (x / true - 1):+.0f} %)" if math.isfinite(x / true) else f"{x:.3g}" for x in others]
+    return f"| {' | '.join((*cells, f'{true:.3g}', *told))} |".replace("nan", "-")
 
 
 def section_of(page: str) -> str:
@@ -287,16 +278,25 @@ def section_of(page: str) -> str:
     return found.group().strip() if found else ""
 
 
-def write_section(page: Path) -> None:
-    """Make all boats, sail them, and write the section of the page."""
+def put_table(page: str, head: str, rows: Sequence[str]) -> str:
+    """The page with the rows of the table with this header line replaced."""
+    lines = "\n".join([head, re.sub(r"[^|]+", "---", head), *rows, ""])
+    return re.sub(rf"(?m)^{re.escape(head)}\n(\|.*\n?)*", lambda _: lines, page)
+
+
+def write_tables(page: Path) -> None:
+    """Make all boats, sail them, fit one to a log, and write the tables of the page's section."""
     runtime.init(precision="f64", threads=1)
     with TemporaryDirectory(prefix="boats-") as name:
         folder = Path(name)
         found = {boat.name: compared(boat, make(boat, folder)) for boat in BOATS}
         after, lines = ten_minutes(folder)
-    true, made, _ = found[BOATS[0].name]
-    example = "\n".join(["| figure | truth | from the mesh | after the fit |", "|---|--:|--:|--:|"] + [
-        row("", NAMES[key], *(getattr(f, key) for f in (true, made, after))).removeprefix("|  ") for key in NAMES
-    ])
-    text = "\n\n".join([TITLE, TEXT, table(found), CAUSES, EXAMPLE, example, "```\n" + "\n".join(lines) + "\n```"])
-    page.write_text(put_section(page.read_text(encoding="utf-8"), text), encoding="utf-8")
+    print(*lines, sep="\n")
+    first = found[BOATS[0].name]
+    all_rows = [
+        row(boat, told, figures=[getattr(f, key) for f in of])
+        for boat, of in found.items() for key, told in NAMES.items()
+    ]  # fmt: skip
+    fit_rows = [row(told, figures=[getattr(f, key) for f in (*first[:2], after)]) for key, told in NAMES.items()]
+    text = put_table(put_table(page.read_text(encoding="utf-8"), BOATS_HEAD, all_rows), FIT_HEAD, fit_rows)
+    page.write_text(text, encoding="utf-8")
