@@ -291,7 +291,7 @@ class Team(Remembers, Generic[M, S]):
     def taken(self, action: Tensor | VehicleActions) -> Tensor:
         """Vehicle actions [env, vehicle, a] of the team for those of a policy, or for its own, as `checked`."""
         if isinstance(action, VehicleActions):
-            return action.values
+            return torch.as_tensor(action.values)
         taken = self.commanded(action)
         if taken is action:
             return taken

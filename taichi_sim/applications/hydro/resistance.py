@@ -94,6 +94,11 @@ class HullForm:
         return float(-self.one[:, Z].min())
 
     @property
+    def stern_draught(self) -> float:
+        """Where the flow leaves the hull, m."""
+        return float(-self.one[self.one[:, X] < self.stern + STERN * self.length, Z].min())
+
+    @property
     def apart(self) -> float:
         """Distance of each hull's centreplane from that of the craft, m."""
         return float(self.one[:, Y].max() + self.one[:, Y].min()) / 2 if self.hulls > 1 else 0.0

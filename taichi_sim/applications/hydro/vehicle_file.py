@@ -8,7 +8,8 @@ Every number has a line with its source. What nobody gave is assumed, and the li
 - Surge resistance: resistance.py, as a u + b u^2 up to the top speed.
 - Cross-flow drag: Hoerner (1965) along each hull. Lift: the linear derivatives of Clarke, Gedling and Hine (1983, The
   application of manoeuvring criteria in hull design using linear theory, Trans. RINA 125) for each hull, less what
-  Coriolis and Munk loads of the added mass already hold.
+  Coriolis and Munk loads of the added mass already hold. They are of ships with a stern as deep as the hull; lift goes
+  with the square of the draught where the flow leaves (slender bodies: Newman 1977, Marine Hydrodynamics, sec. 7.8).
 - Heave, roll, pitch: radiation at the resonance; in roll a share of the critical damping for viscosity.
 """
 
@@ -135,7 +136,8 @@ def lift(form: HullForm, A: Array, rho: float) -> dict[str, float]:
     N_ur = scale * L**2 * (0.25 + 0.039 * B / T - 0.56 * B / L) + A[1, 5]
     most = 0.999 * 2 * np.sqrt(Y_uv * N_ur)
     N_uv = float(np.clip(N_uv, -most - Y_ur, most - Y_ur))
-    return {"Y_uv": Y_uv, "Y_ur": Y_ur, "N_uv": N_uv, "N_ur": N_ur}
+    stern = (form.stern_draught / T) ** 2
+    return {"Y_uv": stern * Y_uv, "Y_ur": stern * Y_ur, "N_uv": stern * N_uv, "N_ur": stern * N_ur}
 
 
 def vehicle_text(
@@ -216,7 +218,8 @@ cross_flow_draft = {mean_draught:.6g}  # m
 cross_flow_coefficient = {form.hulls * C_d:.6g}{"" if form.hulls == 1 else "  # of both hulls"}
 
 [hydrodynamics.lift]
-# Clarke, Gedling and Hine (1983), of {_count(form)}, less Munk and Coriolis loads{_clarke(form)}
+# Clarke, Gedling and Hine (1983), of {_count(form)}, less Munk and Coriolis loads, times the square of stern draught
+# {form.stern_draught:.3g} m over draught (slender bodies: Newman 1977){_clarke(form)}
 {lifts}
 
 {thrusters}
