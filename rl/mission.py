@@ -24,7 +24,7 @@ from functools import reduce
 from operator import or_
 from pathlib import Path
 from types import MappingProxyType
-from typing import ClassVar, Generic, NamedTuple, TypeVar
+from typing import ClassVar, Generic, NamedTuple, TypeVar, cast
 
 import numpy as np
 import torch
@@ -332,12 +332,13 @@ class Mission(Stateful, Generic[C, T]):
         """
         teams, given = self.teams, self.world.by_team(actions)
         checked = {
-            name: teams[name].checked(action) if name in teams else self.world.checked_action(name, action)
+            name: teams[name].checked(action) if name in teams
+            else self.world.checked_action(name, cast(Tensor, action))  # of a team that a script commands
             for name, action in given.items() if not callable(action)
         }  # fmt: skip
         acted = {name: policy(teams[name]) for name, policy in given.items() if callable(policy)}
         checked |= {name: teams[name].checked(action) for name, action in acted.items()}
-        return {name: teams[name].taken(checked[name]) if name in teams else checked[name] for name in given}
+        return {name: teams[name].taken(x) if name in teams else cast(Tensor, x) for name, x in checked.items()}
 
     def _move(self, taken: Mapping[str, Tensor]) -> dict[str, Tensor]:
         """Count a decision after which vehicles have moved by the actions `taken`, move everything else, and measure

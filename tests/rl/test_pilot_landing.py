@@ -128,7 +128,7 @@ def test_a_companion_lands_a_copter_on_a_boat_and_stops_its_motors_if_it_may():
     assert sea.pilot.ended is not None and not sea.pilot.ended.fault and "rest" in sea.pilot.ended.why
     assert not sea.armed and bool(sea.team.standing) and float(sea.team.offset[0, 0, :2].norm()) < 0.2  # m
     assert float(sea.team.touch_speed) < sea.real.config.landing.hard_speed
-    assert set(sea.sent[1]) <= {"HEARTBEAT", "COMMAND_LONG"}  # nothing is ordered of the boat
+    assert set(sea.sent[1]) <= {"HEARTBEAT", "COMMAND_LONG", "PARAM_REQUEST_READ"}  # nothing is ordered of the boat
     assert {m.command for m in sea.sent[1].get("COMMAND_LONG", [])} <= {511}
 
 
