@@ -338,7 +338,8 @@ class Mission(Stateful, Generic[C, T]):
         }  # fmt: skip
         acted = {name: policy(teams[name]) for name, policy in given.items() if callable(policy)}
         checked |= {name: teams[name].checked(action) for name, action in acted.items()}
-        return {name: teams[name].taken(x) if name in teams else cast(Tensor, x) for name, x in checked.items()}
+        own = {name: teams[name].taken(checked[name]) for name in given if name in teams}
+        return {name: own[name] if name in own else cast(Tensor, checked[name]) for name in given}
 
     def _move(self, taken: Mapping[str, Tensor]) -> dict[str, Tensor]:
         """Count a decision after which vehicles have moved by the actions `taken`, move everything else, and measure
