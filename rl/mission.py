@@ -139,7 +139,7 @@ class Mission(Stateful, Generic[C, T]):
         self.device = runtime.current().device
         self.generator = self.share(torch.Generator().manual_seed(derive_seed(seed, "episodes")))
         self.steps = self.remember(torch.zeros(num_envs, dtype=torch.int64, device=self.device))
-        self.noise = self.remember(Noise(num_envs, derive_seed(seed, "sensors")))
+        self.noise, self.keys = self.remember(Noise(num_envs, derive_seed(seed, "sensors"))), self.world.keys
         which = torch.zeros(num_envs, dtype=torch.int32, device=self.device)
         self.due = self.scratch(Due(which, 0, self.steps, self.noise.table))
         self._all = torch.arange(num_envs, device=self.device)

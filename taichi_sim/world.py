@@ -30,7 +30,7 @@ from taichi_sim.config.plugins import load_class
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.conventions import EAST, QUATERNION, STATE_SIZE, SURFACE_SIZE
-from taichi_sim.kernels.random import Noise
+from taichi_sim.kernels.random import Keys, Noise
 from taichi_sim.kernels.rotation import DERIVED_SIZE
 from taichi_sim.models.catalogue import load_vehicle, step_of
 from taichi_sim.models.contact.between_teams import Contacts
@@ -131,7 +131,7 @@ class World(Stateful):
         self.current = self.remember(Current(config.sea.current, num_envs, self.seed, config.sea.depth))
         self.wind = self.remember(Wind(config.air, num_envs, self.seed))
         self.dump_folder: Path | None = None
-        self.noise = self.remember(Noise(num_envs, self.seed))
+        self.noise, self.keys = self.remember(Noise(num_envs, self.seed)), Keys()
         self.env_sea = self.remember((torch.arange(num_envs, device=run.device) % self.sea.num_seas).to(torch.int32))
         self._seas_of = self.scratch(-1)  # version of `env_sea` that has been checked
         self.time = self.remember(torch.zeros(num_envs, dtype=torch.float64, device=run.device))

@@ -14,7 +14,7 @@ policy; what costs the team least is followed. So a plan is never worse in the m
 import math
 import time
 from collections.abc import Mapping
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import torch
 from pydantic import Field, model_validator
@@ -66,6 +66,8 @@ class Planner:
             model. follows_policy: bool [env], whether the learned policy was the best. planned: plans that were made,
             one for each environment and time.
     """
+
+    remembers: ClassVar[bool] = True  # plans of each environment, which are not its mission's state
 
     def __init__(
         self,

@@ -47,7 +47,7 @@ LN2_HI, LN2_LO = 0.693359375, -2.12194440e-4  # ln 2 split in two, so that n LN2
 TWO_PI = 6.283185307179586
 DIGITS, EXPONENT_23 = (1 << 23) - 1, 0x4B000000  # mask of the digits of an f32; 2^23 as an f32
 WALK = 60.0  # ns per environment of a step of `SlowVariation`, approximate
-FIRST_FORKED = 1 << 24  # first key of forks that draw noise of their own; above the number of any environment
+FIRST_FORKED = 1 << 24  # first key of copies that draw noise of their own; above the number of any environment
 
 
 @ti.func
@@ -203,6 +203,26 @@ def _walk(value: array2, numbers: array1, count: whole1, serial: ti.template()):
         z = normal6(count[1], SLOW_VARIATION, count[2 + e], 0, count[0])
         for a in ti.static(range(2)):
             value[e, a] = numbers[0] * value[e, a] + numbers[1] * z[a]
+
+
+class Keys:
+    """The keys of copies that draw noise of their own: none is handed out twice among a world, its forks and theirs.
+
+    It is no state: a world that goes back to a snapshot does not draw the noise of its earlier copies again.
+    """
+
+    def __init__(self):
+        """Begin above the number of any environment."""
+        self._next = FIRST_FORKED
+
+    def take(self, count: int) -> Tensor:
+        """Keys [count] that nobody has had, int64."""
+        first, self._next = self._next, self._next + count
+        return torch.arange(first, self._next)
+
+    def skip(self, used: Tensor) -> None:
+        """Hand out only keys above those `used` elsewhere."""
+        self._next = max(self._next, int(used.max()) + 1)
 
 
 class SlowVariation(Remembers):

@@ -31,7 +31,7 @@ from torch import Tensor
 
 from taichi_sim.config.arguments import Envs, environments, whole_number
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.random import FIRST_FORKED, Noise
+from taichi_sim.kernels.random import Keys, Noise
 from taichi_sim.state.memory import AGAIN, NUMBERS, Kind, Remembers, StateError, declared, undeclared, version, versions
 
 VERSION = 5  # version of a snapshot's layout
@@ -59,6 +59,39 @@ class Snapshot:
     num_envs: int
     values: dict[str, object]
     made: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Archive:
+    """States of single environments, kept apart from the world or mission that they came from (`Stateful.keep`).
+
+    Attributes:
+        about, made: as of a `Snapshot`.
+        rows: number of states.
+        values: path -> [row, ...] of what differs between environments.
+        whole: path -> what is declared as such and is no tensor [env, ...].
+    """
+
+    about: dict[str, object]
+    made: tuple[str, ...]
+    rows: int
+    values: dict[str, Tensor]
+    whole: dict[str, object]
+
+    def __len__(self) -> int:
+        """Number of states."""
+        return self.rows
+
+    def pick(self, rows: Tensor) -> "Archive":
+        """States `rows` [n], int64."""
+        values = {path: value.index_select(0, rows) for path, value in self.values.items()}
+        return Archive(self.about, self.made, len(rows), values, self.whole)
+
+    def joined(self, *others: "Archive") -> "Archive":
+        """These states and then those of `others`, which came from the same world."""
+        parts = self, *others
+        values = {path: torch.cat([part.values[path] for part in parts]) for path in self.values}
+        return Archive(self.about, self.made, sum(map(len, parts)), values, self.whole)
 
 
 class Entry(NamedTuple):
@@ -260,6 +293,17 @@ class _Writer:
             entry.put(value.clone())
 
 
+    def rows(self, entry: Entry, rows: Tensor, value: Tensor) -> None:
+        """Write rows of a tensor."""
+        now = entry.value
+        before = self._written.get(place := (now.data_ptr(), now.numel()))
+        if 0 in now.stride() or (before is not None and now.numel() and not torch.equal(before, value)):
+            now = now.clone()
+            entry.put(now)
+        now[rows] = value
+        self._written[place] = value
+
+
 def _put_generator(entry: Entry, now: Any, value: Any) -> None:
     """Give a generator the state `value`, or replace whatever else is remembered."""
     if isinstance(now, torch.Generator):
@@ -311,6 +355,24 @@ def _envs(given: Envs, num_envs: int, name: str, *, twice: bool = False) -> Tens
         raise StateError(str(error)) from None
 
 
+def _same(saved: Snapshot | Archive, here: dict[str, object], kind: str) -> None:
+    """Refuse what was taken of another world or mission."""
+    if wrong := [key for key in here if saved.about.get(key) != here[key]]:
+        differences = ", ".join(f"{key} {saved.about.get(key)!r} instead of {here[key]!r}" for key in wrong)
+        raise StateError(f"the snapshot was taken of another {kind}: {differences}")
+
+
+def _fits(entry: Entry, kept: Archive, num_envs: int) -> bool:
+    """Whether a kept state has rows for an entry, or the same value where it has no rows."""
+    now, rows = entry.value, kept.values.get(entry.path)
+    if isinstance(now, Tensor) and len(now) == num_envs and rows is not None:
+        return rows.shape[1:] == now.shape[1:] and rows.dtype == now.dtype
+    whole = kept.whole.get(entry.path, kept)
+    if isinstance(now, Tensor) and isinstance(whole, Tensor):
+        return torch.equal(now, whole)
+    return rows is None and now is whole is None
+
+
 def _check_noise(noise: str) -> None:
     if noise not in ("shared", "own"):
         raise StateError(f"noise = {noise!r}: allowed are 'shared' and 'own'")
@@ -355,6 +417,8 @@ class Stateful(Remembers):
     """A world or a mission whose environments can be saved, restored, copied and forked (module docstring)."""
 
     num_envs: int
+    keys: Keys
+    """Keys of copies that draw noise of their own; forks share those of their source."""
 
     def __reduce_ex__(self, protocol: object) -> NoReturn:
         """Refuse to be copied by `copy` or written by `pickle`: kernels and packs are of this process alone.
@@ -386,10 +450,7 @@ class Stateful(Remembers):
             raise StateError(f"a {type(saved).__name__} is no snapshot")
         if saved.version != VERSION:
             raise StateError(f"the snapshot has version {saved.version}; this program reads version {VERSION}")
-        here = about(self)
-        if wrong := [key for key in here if saved.about.get(key) != here[key]]:
-            differences = ", ".join(f"{key} {saved.about.get(key)!r} instead of {here[key]!r}" for key in wrong)
-            raise StateError(f"the snapshot was taken of another {type(self).__name__}: {differences}")
+        _same(saved, about(self), type(self).__name__)
         if saved.num_envs != self.num_envs:
             raise StateError(f"the snapshot has {saved.num_envs} environments, not {self.num_envs}")
         self.make(saved.made)
@@ -400,6 +461,57 @@ class Stateful(Remembers):
         write = _Writer()
         for entry in found.entries:
             write(entry, saved.values[entry.path])
+            if isinstance(entry.owner, Noise) and entry.of_env:
+                self.keys.skip(entry.value)
+        restored(found)
+
+    @runtime.torch_at_rest()
+    def keep(self, envs: Envs) -> Archive:
+        """Copy what environments `envs` [n] remember, row by row, for `put`.
+
+        Raises:
+            StateError: for environments that do not exist, or state that is not declared.
+        """
+        rows, values, whole = _envs(envs, self.num_envs, "envs", twice=True), {}, {}
+        for entry in checked(self).entries:
+            value = entry.value
+            if entry.of_env and isinstance(value, Tensor) and len(value) == self.num_envs:
+                values[entry.path] = value.index_select(0, rows)
+            elif entry.of_env:
+                whole[entry.path] = _taken(value)
+        return Archive(about(self), self.made(), len(rows), values, whole)
+
+    @runtime.torch_at_rest()
+    def put(self, kept: Archive, envs: Envs, *, noise: NoiseOf = "own") -> None:
+        """Make environments `envs` [n] what the states `kept` [n] were, of this world or of another of the same
+        configuration and seed, with any number of environments. Clocks stay, so even with the keys of their source
+        (`noise` "shared") they meet other noise than it did, unless both clocks agree.
+
+        Raises:
+            StateError: for a state of another world, another number of states, environments that do not exist or are
+                named twice, or parts that only one of both has made yet; nothing is written then.
+        """
+        rows = _envs(envs, self.num_envs, "envs")
+        _check_noise(noise)
+        if len(rows) != len(kept):
+            raise StateError(f"{len(kept)} kept states for {len(rows)} envs")
+        _same(kept, about(self), type(self).__name__)
+        self.make(kept.made)
+        found = walk(self)
+        for entry in found.entries:
+            if entry.of_env and not _fits(entry, kept, self.num_envs):
+                raise StateError(
+                    f"{entry.path} is not what it was where the state was kept: it is made at its first use; let both "
+                    "worlds make a step before"
+                )
+        own = self.keys.take(len(rows)) if noise == "own" else None
+        write = _Writer()
+        for entry in found.entries:
+            if (value := kept.values.get(entry.path)) is not None:
+                if isinstance(entry.owner, Noise):
+                    value = own.to(value) if own is not None else value
+                    self.keys.skip(value)
+                write.rows(entry, rows, value)
         restored(found)
 
     @runtime.torch_at_rest()
@@ -457,14 +569,16 @@ class Stateful(Remembers):
                 f"{', '.join(this.teams)}, with the same vehicles"
             )
         into.make(self.made())
+        into.keys = getattr(into, "world", into).keys = self.keys
+        own = self.keys.take(total) if noise == "own" else None
         target, write = {entry.path: entry for entry in walk(into).entries}, _Writer()
         for entry in source.entries:
             there, value = target.get(entry.path), entry.value
             if there is None:
                 raise StateError(f"the fork has no {entry.path}: its parts are others than those of its source")
             if entry.of_env and isinstance(value, Tensor) and len(value) == self.num_envs:
-                if isinstance(entry.owner, Noise) and noise == "own":
-                    there.value.copy_(FIRST_FORKED + torch.arange(total))
+                if isinstance(entry.owner, Noise) and own is not None:
+                    there.value.copy_(own)
                     continue
                 write(there, value.index_select(0, rows))
             else:

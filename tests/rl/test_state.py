@@ -162,6 +162,79 @@ def test_a_fork_that_draws_its_own_noise_differs_in_what_is_measured_alone():
     assert truth[0].equal(truth[1])
 
 
+def test_forks_and_their_forks_never_draw_the_same_noise_of_their_own():
+    mission = begun("otter", 4)
+    Driver(mission).go(5)
+    one = mission.fork([1], 3, noise="own")
+    forks = [one, mission.fork([1], 3, noise="own"), one.fork([0], 3, noise="own"), mission.fork([1], 3, noise="own")]
+    assert len(torch.cat([fork.noise.keys for fork in forks]).unique()) == 12
+    assert all(fork.world.noise.keys.equal(fork.noise.keys) for fork in forks)
+    for fork in forks:
+        fork.step({n: torch.zeros_like(team.fleet.action) for n, team in fork.teams.items()})
+    measured = torch.cat([fork.teams["usv"].known.fleet.state[:, 0, 0] for fork in forks])
+    assert len(measured.unique()) == 12
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_kept_states_go_on_in_a_mission_of_another_size(name):
+    """To the bit where they share the noise; apart where they draw their own."""
+    mission, other = begun(name, 5), begun(name, 3)
+    driver = Driver(mission)
+    driver.go(7)
+    Driver(other, 3).go(7)
+    for of in (mission, other):
+        of.perceive()
+    kept = mission.keep([4, 0, 4, 2]).pick(torch.tensor([0, 3]))
+    joined = kept.joined(mission.keep([0]))
+    driver.go(3)  # what is kept stays as it was
+    again = begun(name, 5)
+    Driver(again).go(7)
+    other.put(joined, [2, 0, 1], noise="shared")
+    rows = torch.tensor([2, 0, 4])
+    for _ in range(6):
+        given = driver.actions(5)
+        again.step({n: team.command(given[n]) for n, team in again.teams.items()})
+        other.step({n: team.command(given[n][rows]) for n, team in other.teams.items()})
+        for n, team in again.teams.items():
+            assert team.observations()[rows].equal(other.teams[n].observations()), n
+    other.put(joined, [2, 0, 1])
+    assert len(torch.cat((other.noise.keys, mission.noise.keys)).unique()) == 8
+
+
+def test_kept_states_that_do_not_fit_are_refused_and_nothing_is_written():
+    mission = begun("otter", 3)
+    kept, before = mission.keep([0, 1]), mission.snapshot()
+    cases = {
+        "2 kept states for 1 envs": lambda: mission.put(kept, [0]),
+        "named twice": lambda: mission.put(kept, [0, 0]),
+        "noise = 'none'": lambda: mission.put(kept, [0, 1], noise="none"),
+        "seed 2 instead of 1|seed 1 instead of 2": lambda: begun("otter", 3, seed=2).put(kept, [0, 1]),
+        "there are 0 to 2": lambda: mission.keep([3]),
+    }
+    for text, call in cases.items():
+        with pytest.raises(StateError, match=text):
+            call()
+    after = mission.snapshot()
+    assert all(a.equal(b) for a, b in zip(before.values.values(), after.values.values(), strict=True)
+               if isinstance(a, torch.Tensor))  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_an_episode_draws_nothing_from_a_generator_as_it_goes_on(name):
+    """Else its copies could not part."""
+    mission = begun(name, 3)
+
+    def generators():
+        found = (entry.value for entry in snapshot.checked(mission).entries)
+        return torch.cat([value.get_state() for value in found if isinstance(value, torch.Generator)])
+
+    before = generators()
+    for _ in range(20):
+        mission.step({n: torch.zeros_like(team.fleet.action) for n, team in mission.teams.items()})
+        mission.perceive()
+    assert before.equal(generators())
+
+
 def test_copies_within_a_mission_are_what_they_are_of():
     mission = begun("otter", 6)
     driver = Driver(mission)
