@@ -144,9 +144,21 @@ class Team(Remembers, Generic[M, S]):
     def conclude(self, due: Due) -> None:
         """Update what the vehicles know, by what they sensed and heard. Writes nothing of another team's."""
 
-    def endings(self) -> dict[str, Tensor]:
-        """Endings beside those of the vehicle itself, by the truth: name -> bool [env, vehicle]."""
+    def margins(self) -> dict[str, Tensor]:
+        """What is left before an ending, by the truth, [env, vehicle]; below 0 it has happened. Default: none."""
         return {}
+
+    def endings(self) -> dict[str, Tensor]:
+        """Endings beside those of the vehicle itself, by the truth: name -> bool [env, vehicle]. Default: `margins`."""
+        return {name: left < 0.0 for name, left in self.margins().items()}
+
+    def importance(self, ending: str) -> Tensor:
+        """How near each vehicle is to an ending, [env, vehicle]: greater is nearer (rl/evaluation/odds).
+
+        A bad one costs time, never truth. Default: minus the margin; without a margin the same everywhere.
+        """
+        left = self.margins().get(ending)
+        return torch.zeros_like(self.fleet.state[..., 0]) if left is None else -left
 
     def reward(self, ended: Endings) -> Tensor:
         """Reward of each vehicle for the last step, by the truth, [env, vehicle]."""

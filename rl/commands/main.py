@@ -14,6 +14,7 @@ SCRIPTS = {  # name -> module, further arguments, description
     "train": ("rl.train", (), "train the teams of a scenario, evaluate, record, report"),
     "evaluate": ("rl.commands.evaluate", (), "judge a run's policies on unseen episodes"),
     "sweep": ("rl.commands.evaluate", ("--sweep",), "the same under many conditions, beside the classical controller"),
+    "odds": ("rl.commands.odds", (), "how likely a rare failure is, with an interval, by splitting"),
     "score": ("rl.commands.score", (), "score a policy in a task of the benchmark: 0 classical, 100 oracle"),
     "describe": ("rl.commands.describe", (), "inputs and outputs of the policies of a task or a scenario"),
     "play": ("rl.commands.play", (), "record, film or watch an episode"),

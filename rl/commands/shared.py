@@ -3,7 +3,7 @@
 import argparse
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -89,7 +89,7 @@ def tell_replaced(config, overrides: list[str]) -> None:
         print("\n  ".join(("another vehicle:", *config.replaced)), file=sys.stderr)
 
 
-def add_run(parser: argparse.ArgumentParser) -> None:
+def add_run(parser: argparse.ArgumentParser, controllers: Sequence[str] = CONTROLLERS) -> None:
     """Add the arguments of commands on policies: RUN, --policy, --controller, --seed, --config, and the common ones."""
     parser.add_argument(
         "run",
@@ -107,7 +107,7 @@ def add_run(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--controller",
-        choices=CONTROLLERS,
+        choices=controllers,
         default="policy",
         help="controller of the vehicles (default: policy; docs/planning.md)",
     )

@@ -22,7 +22,7 @@ from rl.missions.escort.circling import (
     OrbitController,
     OrbitGains,
 )
-from rl.missions.escort.endings_and_logs import LOGGED, endings_of, log_of
+from rl.missions.escort.endings_and_logs import LOGGED, log_of, margins_of
 from rl.missions.escort.host import Parts
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
 from rl.perception.contacts import TrackedContacts
@@ -123,9 +123,9 @@ class EscortAircraft(ResidualTeam):
         """Rewards of rewards.py."""
         return paid(rewards.AIRCRAFT_TERMS, self.section.aircraft_reward, self, ended)
 
-    def endings(self) -> dict[str, Tensor]:
-        """Contact with an obstacle, the vessel or a team mate; out of the area."""
-        return endings_of(self, self.mission.config)
+    def margins(self) -> dict[str, Tensor]:
+        """To contact with an obstacle, the vessel or a team mate; to the edge of the area."""
+        return margins_of(self, self.mission.config)
 
     def log(self, ended: Endings) -> dict[str, Tensor]:
         """See endings_and_logs.py."""

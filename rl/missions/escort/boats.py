@@ -13,7 +13,7 @@ from rl.guidance.shapes import escort_offsets
 from rl.guidance.targets_and_errors import OFFSET, RATE, SLOT_SIZE, Geometry, Target, course_of
 from rl.guidance.targets_and_errors import TARGET_SIZE as TARGET
 from rl.missions.escort import rewards
-from rl.missions.escort.endings_and_logs import LOGGED, endings_of, log_of
+from rl.missions.escort.endings_and_logs import LOGGED, log_of, margins_of
 from rl.missions.escort.host import Parts
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
 from rl.perception.charted_contacts import ChartedContacts
@@ -130,9 +130,9 @@ class EscortBoats(ResidualTeam):
         far, near = self.distance, (self.section.plan.berth - self.sensor.gap).clamp(min=0.0)
         return far.square() / (far + LINEAR) + NEAR_COST * near + ENDED_COST * ended
 
-    def endings(self) -> dict[str, Tensor]:
-        """Contact with an obstacle, the vessel or a team mate; out of the area."""
-        return endings_of(self, self.mission.config)
+    def margins(self) -> dict[str, Tensor]:
+        """To contact with an obstacle, the vessel or a team mate; to the edge of the area."""
+        return margins_of(self, self.mission.config)
 
     def log(self, ended: Endings) -> dict[str, Tensor]:
         """See endings_and_logs.py."""

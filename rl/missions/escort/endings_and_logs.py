@@ -38,10 +38,10 @@ class Observing(Protocol):
         ...
 
 
-def endings_of(team: Observing, config: EscortScenario) -> dict[str, Tensor]:
-    """Contact with an obstacle, the vessel or a team mate; out of the area; bool [env, vehicle] each."""
+def margins_of(team: Observing, config: EscortScenario) -> dict[str, Tensor]:
+    """To contact with an obstacle, the vessel or a team mate, and to the edge of the area, m, [env, vehicle] each."""
     place = team.fleet.position_n[..., :2]
-    return {"collided": team.sensor.gap < 0.0, "left": place.abs().amax(-1) > config.area / 2}
+    return {"collided": team.sensor.gap, "left": config.area / 2 - place.abs().amax(-1)}
 
 
 def log_of(team: Observing, ended: Endings, arrived: Tensor, config: EscortScenario) -> dict[str, Tensor]:

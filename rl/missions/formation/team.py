@@ -151,12 +151,12 @@ class TeamTask(ResidualTeam):
         near = (self.section.plan.berth - self.sensor.gap).clamp(min=0.0)
         return self.distance.square() + NEAR_COST * near + ENDED_COST * ended
 
-    def endings(self) -> dict[str, Tensor]:
-        """Contact with an obstacle or a team mate, too far from the slot, or out of the area."""
+    def margins(self) -> dict[str, Tensor]:
+        """To contact with an obstacle or a team mate, to being too far from the slot or out of the area, m."""
         return {
-            "collided": self.sensor.gap < 0.0,
-            "lost": self.distance > self.section.lost_distance,
-            "left": self.now.reach > self.mission.config.area / 2,
+            "collided": self.sensor.gap,
+            "lost": self.section.lost_distance - self.distance,
+            "left": self.mission.config.area / 2 - self.now.reach,
         }
 
     def log(self, ended: Endings) -> dict[str, Tensor]:

@@ -1,0 +1,1 @@
+"""The odds of rare failures: multilevel splitting on kept states."""
