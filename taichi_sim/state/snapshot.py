@@ -292,7 +292,6 @@ class _Writer:
         elif not torch.equal(before.flatten(), value.flatten()):
             entry.put(value.clone())
 
-
     def rows(self, entry: Entry, rows: Tensor, value: Tensor) -> None:
         """Write rows of a tensor."""
         now = entry.value

@@ -10,11 +10,13 @@ import torch
 from scipy import stats
 
 from rl.commands import odds as command
+from rl.evaluation.odds import splitting
 from rl.evaluation.odds.estimate import Question, check
 from rl.evaluation.odds.paths import EpisodePaths
 from rl.evaluation.odds.splitting import HAPPENED, find_levels, pooled, repeat
 from rl.mission import Mission
 from rl.missions import load_scenario
+from rl.missions.formation.team import TeamTask
 from rl.runs.folder import RunError
 from rl.team import Team
 
@@ -171,7 +173,7 @@ def test_threads_change_no_digit(threads):
     from taichi_sim.kernels import runtime
 
     runtime.init(threads=threads)
-    levels = find_levels(own := paths(2, post=2.0, envs=64), 100, np.random.default_rng(0))
+    levels = find_levels(own := paths(2, post=3.0 * spread(), envs=64), 100, np.random.default_rng(0))
     one = repeat(own, levels.levels, 100, np.random.default_rng(1))
     FOUND.setdefault("threads", (levels, one.shares, one.weights.tolist()))
     assert FOUND["threads"] == (levels, one.shares, one.weights.tolist())
@@ -192,35 +194,39 @@ def small(monkeypatch):
 SHORT = ("--set", "episode_duration=8", "--set", "evaluation.settle=1", "--controller", "classical")
 
 
-def test_the_command_tells_keeps_and_repeats(small, tmp_path, capsys):
-    given = ["otter", "--team", "usv", "--of", "lost", "--set", "usv.lost_distance=8.5", *SHORT, "--effort", "32"]
+def test_the_command_tells_keeps_and_repeats(small, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(splitting, "COMMON", 1.0)
+    given = ["otter", "--team", "usv", "--of", "lost", "--set", "usv.lost_distance=9", *SHORT, "--effort", "160"]
     told = tmp_path / "odds.json"
     command.main([*given, "--relative", "0.5", "--quiet", "--json", str(told)])
     text, figures = capsys.readouterr().out, json.loads(told.read_text())["usv"]
     assert "usv lost in otter, classical:" in text and "95 % interval" in text
     assert figures["probability"] == pytest.approx(np.mean(figures["repeats"]))
-    assert figures["low"] < figures["probability"] < figures["high"] and figures["complete"]
+    assert (
+        len(figures["levels"]) > 1 and figures["low"] < figures["probability"] < figures["high"] and figures["complete"]
+    )
     out = tmp_path / "failure.rrd"
     command.main([*given, "--again", str(told), "--out", str(out), "--quiet"])
-    assert out.stat().st_size > 1000 and "lost" in capsys.readouterr().out
+    assert out.stat().st_size > 1000 and str(out) in capsys.readouterr().out
 
 
-def test_what_has_no_odds_is_refused_by_name(small):
+def test_what_has_no_odds_is_refused_by_name(small, monkeypatch):
     config = load_scenario("otter", ("episode_duration=8", "evaluation.settle=1"))
-    begins = load_scenario("otter", ("episode_duration=8", "evaluation.settle=1", "usv.lost_distance=0.5"))
+    margins = TeamTask.margins
+    monkeypatch.setattr(TeamTask, "margins", lambda team: {**margins(team), "far": 2.0 - team.distance})
 
     class Remembering:
         remembers = True
 
-    def asked(config=config, policy=still, team="usv", ending="collided"):
+    def asked(policy=still, team="usv", ending="collided"):
         return lambda: check(Question(config, {"usv": policy}, team, ending, 1))
 
     cases = {
-        "--of sunk: usv of 'otter' ends as collided, lost": asked(ending="sunk"),
+        "--of sunk: usv of 'otter' ends as collided, lost, left, far": asked(ending="sunk"),
         "--team uav: there are usv": asked(team="uav"),
         "usv: a Remembering has a memory": asked(policy=Remembering()),
-        "episodes of 'otter' begin so": asked(begins, ending="lost"),
-        "--relative 1.5: must be below 1": lambda: command.main(["otter", "--team", "usv", "--relative", "1.5", *SHORT]),
+        "episodes of 'otter' begin so": asked(ending="far"),
+        "--relative 1.5: must be below 1": lambda: command.main(["otter", "--relative", "1.5", *SHORT]),
     }
     for text, call in cases.items():
         with pytest.raises(RunError, match=re.escape(text)):

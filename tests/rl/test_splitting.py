@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 from scipy import stats
 
 from rl.evaluation.odds.splitting import HAPPENED, NEW, Run, find_levels, pooled, repeat

@@ -182,8 +182,6 @@ def test_kept_states_go_on_in_a_mission_of_another_size(name):
     driver = Driver(mission)
     driver.go(7)
     Driver(other, 3).go(7)
-    for of in (mission, other):
-        of.perceive()
     kept = mission.keep([4, 0, 4, 2]).pick(torch.tensor([0, 3]))
     joined = kept.joined(mission.keep([0]))
     driver.go(3)  # what is kept stays as it was
@@ -193,8 +191,8 @@ def test_kept_states_go_on_in_a_mission_of_another_size(name):
     rows = torch.tensor([2, 0, 4])
     for _ in range(6):
         given = driver.actions(5)
-        again.step({n: team.command(given[n]) for n, team in again.teams.items()})
-        other.step({n: team.command(given[n][rows]) for n, team in other.teams.items()})
+        again.step(given, begin=False)
+        other.step({n: of[rows] for n, of in given.items()}, begin=False)
         for n, team in again.teams.items():
             assert team.observations()[rows].equal(other.teams[n].observations()), n
     other.put(joined, [2, 0, 1])
@@ -206,7 +204,7 @@ def test_kept_states_that_do_not_fit_are_refused_and_nothing_is_written():
     kept, before = mission.keep([0, 1]), mission.snapshot()
     cases = {
         "2 kept states for 1 envs": lambda: mission.put(kept, [0]),
-        "named twice": lambda: mission.put(kept, [0, 0]),
+        "name environment 0 twice": lambda: mission.put(kept, [0, 0]),
         "noise = 'none'": lambda: mission.put(kept, [0, 1], noise="none"),
         "seed 2 instead of 1|seed 1 instead of 2": lambda: begun("otter", 3, seed=2).put(kept, [0, 1]),
         "there are 0 to 2": lambda: mission.keep([3]),
@@ -223,6 +221,7 @@ def test_kept_states_that_do_not_fit_are_refused_and_nothing_is_written():
 def test_an_episode_draws_nothing_from_a_generator_as_it_goes_on(name):
     """Else its copies could not part."""
     mission = begun(name, 3)
+    driver = Driver(mission)
 
     def generators():
         found = (entry.value for entry in snapshot.checked(mission).entries)
@@ -230,8 +229,7 @@ def test_an_episode_draws_nothing_from_a_generator_as_it_goes_on(name):
 
     before = generators()
     for _ in range(20):
-        mission.step({n: torch.zeros_like(team.fleet.action) for n, team in mission.teams.items()})
-        mission.perceive()
+        mission.step(driver.actions(3), begin=False)
     assert before.equal(generators())
 
 

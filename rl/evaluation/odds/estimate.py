@@ -114,14 +114,12 @@ def check(question: Question) -> bool:
     sources, copies = torch.arange(half), half + torch.arange(half)
     with runtime.torch_at_rest():
         try:
-            mission.step({each: policy(mission.teams[each]) for each, policy in question.policies.items()})
-            mission.perceive()
+            mission.step(question.policies, begin=False, observe=())
             mission.put(mission.keep(sources), copies)
         except StateError as error:
             raise RunError(f"{config.name}: {error}") from None
         for _ in range(BRANCH):
-            mission.step({each: policy(mission.teams[each]) for each, policy in question.policies.items()})
-            mission.perceive()
+            mission.step(question.policies, begin=False, observe=())
     branches = any(not torch.equal(each.fleet.state[:half], each.fleet.state[half:]) for each in mission.teams.values())
     return branches
 

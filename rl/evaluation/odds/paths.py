@@ -24,7 +24,7 @@ REFILL = 1 / 16  # share of environments that wait for a path before any gets on
 class Decided(NamedTuple):
     """What a decision did, [env]."""
 
-    importance: Tensor  # float64, `HAPPENED` where a vehicle of the team ended so
+    importance: Tensor  # float64, `HAPPENED` where a vehicle of the team ended so, lowest where the episode is over
     vehicle: Tensor  # int64, that vehicle, or the nearest to it
     over: Tensor  # bool, the episode is over
     step: Step
@@ -118,7 +118,6 @@ class EpisodePaths:
             self.begun += len(rows)
             self.failed_at_once += int(self._team.ended()[self._ending].any(1)[rows].sum())
             self.conditions.append(conditions_of(self.mission, self._team.name, self._ending, rows))
-        self.mission.perceive()
         for archive in np.unique(self._at[states[~new], 0]):
             mine = ~new & (self._at[np.maximum(states, 0), 0] == archive if len(self._at) else ~new)
             kept = self._kept[archive].pick(torch.from_numpy(self._at[states[mine], 1]))
@@ -139,11 +138,12 @@ class EpisodePaths:
 
 
 def decide(mission: Mission, policies: Mapping[str, Policy], team: str, ending: str) -> Decided:
-    """Make one decision of all teams, and let all vehicles perceive."""
-    step = mission.step({name: policies[name](each) for name, each in mission.teams.items()})
-    mission.perceive()
-    each = importance_of(mission, team, ending).masked_fill(step.endings[team][ending], HAPPENED)
-    return Decided(*each.max(dim=1), step.terminated | step.truncated, step)
+    """Make one decision of all teams; episodes that are over go on as they are."""
+    step = mission.step({name: policies[name] for name in mission.teams}, begin=False, observe=())
+    near = importance_of(mission, team, ending).masked_fill(step.over.unsqueeze(1), -torch.inf)
+    each = near.masked_fill(step.endings[team][ending], HAPPENED)
+    nearest, vehicle = each.max(dim=1)
+    return Decided(nearest, vehicle, step.over, step)
 
 
 def importance_of(mission: Mission, team: str, ending: str) -> Tensor:
