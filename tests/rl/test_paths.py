@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from rl.guidance.course.obstacles import generate_obstacles
+from rl.guidance.course.obstacles import distance_to_tracks, generate_obstacles
 from rl.guidance.course.tracks import Tracks, generate_tracks
 
 WORLDS = 48
@@ -179,6 +179,17 @@ def test_obstacles_keep_clear_of_every_lane(tracks: Tracks, obstacles: Tensor) -
     assert clearance.min() >= 6.0
     assert clearance.max() <= 70.0
     assert (clearance <= 60.0).float().mean() > 0.98
+
+
+def test_a_place_is_as_far_from_a_track_as_from_its_nearest_sample(tracks: Tracks) -> None:
+    """To within half of the spacing of samples, for places anywhere and on the track."""
+    world = torch.arange(tracks.worlds).repeat_interleave(64)
+    anywhere = (torch.rand(len(world), 2, generator=torch.Generator().manual_seed(0)) - 0.5) * 3000
+    on_it = tracks.table[world, torch.arange(len(world)) * 37 % tracks.samples, :2]
+    for place in (anywhere, on_it):
+        to_sample = (tracks.table[world, :, :2] - place[:, None]).norm(dim=-1).amin(dim=1)
+        less = to_sample - distance_to_tracks(tracks, world, place)
+        assert (less > -1e-3).all() and (less <= tracks.length_m[world] / tracks.samples / 2 + 0.1).all()
 
 
 def test_obstacles_may_stand_in_lanes_but_not_on_the_track(tracks: Tracks) -> None:

@@ -9,7 +9,7 @@ begin above those ahead.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import torch
@@ -64,13 +64,24 @@ class Starts(NamedTuple):
         return Starts(self.progress.to(device), states, formations)
 
 
+class Draw(NamedTuple):
+    """Random numbers for the starts that are `due`, which do not depend on which are: all are drawn."""
+
+    shape: tuple[int, int]  # worlds, starts of each
+    due: tuple[Tensor, ...]  # world and start of each that is due
+    generator: torch.Generator
+
+    def __call__(self, kind: Callable[..., Tensor], *size: int) -> Tensor:
+        """Numbers [due, 1, *size] of a `kind`: `torch.rand` or `torch.randn`."""
+        return kind(*self.shape, *size, generator=self.generator)[self.due].unsqueeze(1)
+
+
 def draw_starts(
     config: FormationScenario, tracks: Tracks, obstacles: Tensor, models: Mapping[str, Vehicle],
     generator: torch.Generator,
 ) -> Starts:  # fmt: skip
     """Draw `PER_WORLD` starts in each world for the teams named in `models`."""
     shape = (tracks.worlds, PER_WORLD)
-    world = torch.arange(tracks.worlds).unsqueeze(1).expand(shape).contiguous()
     progress = torch.zeros(shape)
     states = {t: torch.zeros((*shape, config.teams[t].count, STATE_SIZE)) for t in models}
     # Drawn once: if they were drawn again with each place, shapes that seldom fit would be rare.
@@ -82,22 +93,28 @@ def draw_starts(
     low = bool((obstacles[..., Cylinder.HEIGHT] <= clear_of + ROUNDING).all())  # nobody who flies can meet them
     met = {t: obstacles[:, :0] if low and model.medium == "air" else obstacles for t, model in models.items()}
     for _ in range(MAX_DRAWS):
-        drawn = torch.rand(shape, generator=generator) * tracks.length_m.unsqueeze(1)
-        place = tracks.at(world, drawn)
-        clear, fresh = missing.clone(), {}
+        due = missing.nonzero(as_tuple=True)  # world and start of each that is missing, here [missing, 1]
+        at = due[0].unsqueeze(1)
+        drawn = (torch.rand(shape, generator=generator) * tracks.length_m.unsqueeze(1))[due].unsqueeze(1)
+        place = tracks.at(at, drawn)
+        clear, fresh = torch.ones_like(at, dtype=torch.bool), {}
         for team, model in models.items():
-            fresh[team], fits = _team_states(config, team, model, formations[team], place, met[team], generator)
+            formation, near = formations[team].at(*(x.unsqueeze(1) for x in due)), met[team][due[0]]
+            draw = Draw(shape, due, generator)
+            fresh[team], fits = _team_states(config, team, model, formation, place, near, draw)
             clear &= fits
             margin = model.collision_radius + MARGIN
             if not model.limits.stops:
                 clear &= _pass_clear(fresh[team], fastest[team], 2 * margin)
-                clear &= ~_ahead(fresh[team], met[team], fastest[team], margin).flatten(2).any(-1)
+                clear &= ~_ahead(fresh[team], near, fastest[team], margin).flatten(2).any(-1)
             if low and model.medium == "air" and obstacles.shape[1]:
-                fresh[team] = _above(fresh[team], obstacles, fastest[team], margin)
-        progress = torch.where(clear, drawn, progress)
+                fresh[team] = _above(fresh[team], obstacles[due[0]], fastest[team], margin)
+        clear = clear.squeeze(1)
+        found = tuple(x[clear] for x in due)
+        progress[found] = drawn[clear, 0]
         for team in models:
-            states[team] = torch.where(clear[..., None, None], fresh[team], states[team])
-        missing &= ~clear
+            states[team][found] = fresh[team][clear, 0]
+        missing[found] = False
         if not missing.any():
             break
     without = int(missing.all(dim=1).sum())
@@ -135,22 +152,16 @@ def in_wind(state: Tensor, wind: Tensor, over_ground: Tensor, airspeed: float, m
     return state
 
 
-def _team_states(config, team, model, formation: Drawn, place, obstacles, generator) -> tuple[Tensor, Tensor]:
+def _team_states(config, team, model, formation: Drawn, place, obstacles, draw: Draw) -> tuple[Tensor, Tensor]:
     """States [world, start, vehicle, 13] of a team, and whether they are clear of everything [world, start]."""
     section, margin, spacing = config.teams[team], model.collision_radius + MARGIN, formation.spacing
     shape = (*place.course.shape, section.count)
     course = place.course.unsqueeze(-1)
 
-    def normal(*size: int) -> Tensor:
-        return torch.randn(size, generator=generator)
-
-    def uniform(*size: int) -> Tensor:
-        return torch.rand(size, generator=generator)
-
-    radius = section.start_distance * uniform(*shape[:2], 1).sqrt()
-    bearing = 2 * math.pi * uniform(*shape[:2], 1)
+    radius = section.start_distance * draw(torch.rand, 1).sqrt()
+    bearing = 2 * math.pi * draw(torch.rand, 1)
     leader = torch.stack((radius * bearing.cos(), radius * bearing.sin()), dim=-1)
-    scatter = leader + (FOLLOWER_SPREAD * spacing).float()[..., None, None] * normal(*shape, 2)
+    scatter = leader + (FOLLOWER_SPREAD * spacing).float()[..., None, None] * draw(torch.randn, section.count, 2)
     scatter[..., 0, :] = leader[..., 0, :]
     ahead, starboard = offsets_of(unit_offsets(section), formation).float().unbind(-1)
     north = course.cos() * ahead - course.sin() * starboard
@@ -163,14 +174,14 @@ def _team_states(config, team, model, formation: Drawn, place, obstacles, genera
     state = torch.zeros((*shape, STATE_SIZE))
     state[..., :2] = slot + pull * scatter
     of_team, of_vehicle = HEADING_SPREAD  # neighbours on crossing courses could not miss each other
-    heading = course + of_team * normal(*shape[:2], 1) + of_vehicle * normal(*shape)
+    heading = course + of_team * draw(torch.randn, 1) + of_vehicle * draw(torch.randn, section.count)
     if model.medium == "air":
-        spread = (HEIGHT_SPREAD * normal(*shape)).clamp(-LARGEST_DROP, LARGEST_DROP)
+        spread = (HEIGHT_SPREAD * draw(torch.randn, section.count)).clamp(-LARGEST_DROP, LARGEST_DROP)
         state[..., DOWN] = -config.track.flight_height * (1 + spread)
     level = torch.zeros_like(heading)
     state[..., QUATERNION] = torch_quaternion_from_euler(level, level, heading)
     low, high = SPEED_RANGE
-    state[..., SURGE] = config.pace(team).speed * (low + (high - low) * uniform(*shape[:2], 1))
+    state[..., SURGE] = config.pace(team).speed * (low + (high - low) * draw(torch.rand, 1))
     return state, clear & _way_clear(state, obstacles, margin)
 
 
