@@ -115,7 +115,7 @@ class Mission(Stateful, Generic[C, T]):
     Judge: ClassVar[type[_Judge]] = Judge
     make_world: ClassVar[Callable[..., World]] = World
 
-    @runtime.own_settings()
+    @runtime.torch_at_rest()
     def __init__(
         self, config: C, num_envs: int, *, seed: int, teams: Sequence[str] | None = None, source: Path | None = None
     ):

@@ -94,7 +94,7 @@ class World(Stateful):
             None: no dumps.
     """
 
-    @runtime.own_settings()
+    @runtime.torch_at_rest()
     def __init__(
         self,
         config: WorldConfig,

@@ -180,9 +180,9 @@ def around(database: HydroDatabase, loads: NDArray, courses: int) -> NDArray[np.
     heading, whole = _whole(database, loads)
     beta, orders = np.deg2rad(heading), np.arange(-((len(heading) - 1) // 2), (len(heading) - 1) // 2 + 1)
     by_heading = whole.swapaxes(0, 1).reshape(len(beta), -1)
-    series = np.linalg.lstsq(np.exp(1j * np.outer(beta, orders)), by_heading, rcond=None)
+    series = np.linalg.pinv(np.exp(1j * np.outer(beta, orders))) @ by_heading
     course = np.arange(courses) * (math.tau / courses)
-    values = np.asarray(np.exp(1j * np.outer(course, orders)) @ series[0], dtype=np.complex128)
+    values = np.asarray(np.exp(1j * np.outer(course, orders)) @ series, dtype=np.complex128)
     return values.reshape(courses, len(whole), 6).swapaxes(0, 1)
 
 
