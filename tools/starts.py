@@ -42,7 +42,7 @@ print(world.sea.elevation(north=10.0, east=[0.0, 5.0], time=5.0, sea=0))
 futures = world.fork([0, 1], copies=64)
 """
 CASES = {
-    "play": ["-m", "taichi_sim", "play", "cruise", "--duration", "20", "--out", "{out}"],
+    "play": ["-m", "rl.commands.main", "play", "cruise", "--duration", "20", "--out", "{out}.rrd"],
     "snippet": ["-c", SNIPPET],
     "mission": ["-c", MISSION],
     "mission, empty": ["-c", MISSION],
