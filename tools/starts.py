@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent.parent
@@ -66,13 +67,13 @@ def run(checkout: Path, case: str, cache: Path) -> tuple[float, float]:
         return time.perf_counter() - begin, cpu
 
 
-def main() -> None:
+def main(argv: Sequence[str] | None = None) -> None:
     """Measure, and print a table."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("checkout", type=Path, help="the other checkout of this project")
     p.add_argument("--repetitions", type=int, default=3)
     p.add_argument("--only", nargs="+", choices=CASES, default=[case for case in CASES if case not in LONG])
-    args = p.parse_args()
+    args = p.parse_args(argv)
     both = args.checkout.resolve(), HERE
     print(
         "| case | other, s | this, s | ratio | other, s of CPU | this, s of CPU | ratio |\n"
