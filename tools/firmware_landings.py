@@ -414,7 +414,7 @@ def table(kind: Any, episodes: Mapping[str, NDArray[np.float64]]) -> dict[str, S
     """Figures of the landings: name -> value and the ends of its 95 % interval."""
     from rl.evaluation.intervals import intervals
 
-    left_out = ("deck_speed_m_s", "deck_tilt_deg", "reward_per_step", "action_change_rms")
+    left_out = ("reward_per_step", "action_change_rms")
     return {key: tuple(of) for key, of in intervals(kind, episodes).items() if key not in left_out}
 
 

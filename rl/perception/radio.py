@@ -3,8 +3,7 @@
 Every vehicle transmits a message `rate` times a second, in turn: place and velocity as it measures them, and what a
 mission adds. A message arrives after `delay` at each vehicle within `range`, and is lost with the probability `loss`,
 independently at each. Receivers keep it, with its age, until a newer one arrives. What they do not keep of it they may
-read once, when it arrives, where it lies (`arrived`). Some vehicles may relay: a message that did not arrive directly
-may arrive through one of them, over two such links, after twice the delay.
+read once, when it arrives, where it lies (`arrived`).
 
 For experiments, vehicles may receive the messages of another environment, `shift` environments on.
 
@@ -32,6 +31,7 @@ from taichi_sim.state.memory import Remembers
 
 NEVER = 1e6  # s, age of a message that was never received
 MOST = 64  # vehicles of a team
+INTERVAL, RANGE, LOSS = range(3)  # numbers of the kernel: of a decision, s; m; of all messages
 TALK = 40.0  # ns of one receiver and sender, about
 
 
@@ -62,14 +62,13 @@ class RadioForm(NamedTuple):
     period: int  # decisions between messages of one vehicle
     vehicles: int  # number of the first vehicle among the random numbers
     known: bool = True  # everybody has heard everybody as an episode begins
-    relays: tuple[int, int] = (0, 0)  # the first that relay, and the first after them that does not
     shift: int = 0  # environments
     serial: bool = False  # run on the calling thread
 
     @property
     def slots(self) -> int:
         """Number of messages of one vehicle that are kept: in transit, and the present one."""
-        return (2 if self.relays[1] > self.relays[0] else 1) * self.delay + 1
+        return self.delay + 1
 
 
 @ti.func
@@ -83,13 +82,10 @@ def source(radio: ti.template(), e, form: ti.template()):
 
 @ti.func
 def arrived(radio: ti.template(), steps: ti.template(), e, i, k, form: ti.template()):
-    """Slot of `sent` [source, slot, k] with the message that may have just arrived at vehicle i from k; -1: none has.
-
-    A message that arrives directly is told again where relays might have brought it.
-    """
+    """Slot of `sent` [source, slot, k] with the message that has just arrived at vehicle i from k; -1: none has."""
     age, step = radio.heard[e, i, k, radio.heard.shape[3] - 1], ti.cast(steps[source(radio, e, form)], ti.i32)
-    old, slot = ti.cast(ti.round(age / radio.numbers[0]), ti.i32), -1
-    if old <= step and (old == form.delay or (old == 2 * form.delay and old < form.slots)):
+    old, slot = ti.cast(ti.round(age / radio.numbers[INTERVAL]), ti.i32), -1
+    if old <= step and old == form.delay:
         slot = (step - old) % ti.static(form.slots)
     return slot
 
@@ -108,7 +104,7 @@ def gets_there(radio: ti.template(), e, i, k, env, clock, seed, form: ti.templat
     """Whether a message of k arrives at i over this link."""
     far = ti.Vector([radio.place[e, i, a] - radio.place[e, k, a] for a in ti.static(range(3))])
     u = uniform4(seed, RADIO, env, ti.static(form.vehicles) + i * radio.place.shape[1] + k, clock)
-    return far.norm() <= radio.numbers[1] and u[0] >= radio.numbers[2]
+    return far.norm() <= radio.numbers[RANGE] and u[0] >= radio.numbers[LOSS]
 
 
 @ti.kernel
@@ -143,22 +139,12 @@ def _receive(
                             radio.heard[e, i, k, a] = 0.0
                         radio.heard[e, i, k, age] = NEVER
                 else:
-                    radio.heard[e, i, k, age] += radio.numbers[0]
+                    radio.heard[e, i, k, age] += radio.numbers[INTERVAL]
                     then = step - form.delay  # when what arrives now was sent
                     if (then + k) % form.period == 0 and then >= 0:
                         if gets_there(radio, e, i, k, env, draws[0], seed, form):
                             slot = then % ti.static(form.slots)
-                            hear(radio, e, i, other, k, slot, ti.static(form.delay) * radio.numbers[0])
-                    if ti.static(form.relays[1] > form.relays[0]):
-                        then -= form.delay
-                        late = 2 * ti.static(form.delay) * radio.numbers[0]
-                        if (then + k) % form.period == 0 and then >= 0 and radio.heard[e, i, k, age] > late:
-                            clock = draws[0] - form.delay
-                            for j in range(form.relays[0], form.relays[1]):
-                                if j != i and j != k and radio.heard[e, i, k, age] > late:
-                                    first = gets_there(radio, e, j, k, env, clock, seed, form)
-                                    if first and gets_there(radio, e, i, j, env, draws[0], seed, form):
-                                        hear(radio, e, i, other, k, then % ti.static(form.slots), late)
+                            hear(radio, e, i, other, k, slot, ti.static(form.delay) * radio.numbers[INTERVAL])
 
 
 class Radio(Remembers):
@@ -181,7 +167,6 @@ class Radio(Remembers):
         kept: int | None = None,
         vehicles: int = 0,
         known: bool = True,
-        relays: tuple[int, int] = (0, 0),
         shift: int = 0,
     ):
         """Connect vehicles at `place` [env, vehicle, 3 or more] (m, read in place).
@@ -189,14 +174,13 @@ class Radio(Remembers):
         Args:
             interval: of a decision, s. width: n, numbers of a message. kept: the first of them that receivers keep
                 (default: all). vehicles: of other teams before them, among the random numbers. known: an episode begins
-                with everybody heard, else nobody. relays: the first that relay, and the first after them that does not.
-                shift: environments on, whose messages are heard.
+                with everybody heard, else nobody. shift: environments on, whose messages are heard.
         """
         envs, n = place.shape[:2]
         delay, period = round(config.delay / interval), 1
         if config.rate is not None:
             period = max(1, round(1 / (config.rate * interval)))
-        self.form, self._each = RadioForm(delay, period, vehicles * MOST, known, relays, shift), n
+        self.form, self._each = RadioForm(delay, period, vehicles * MOST, known, shift), n
         self._interval = interval
         self.said = self.remember(place.new_zeros((envs, n, width)))
         self.heard = self.remember(place.new_zeros((envs, n, n, (width if kept is None else kept) + 1)))
@@ -209,7 +193,7 @@ class Radio(Remembers):
 
     @property
     def delay(self) -> float:
-        """Delay of a direct message, s, a whole number of decisions."""
+        """Delay of a message, s, a whole number of decisions."""
         return self.form.delay * self._interval
 
     def due(self, step: int) -> NDArray[np.bool_]:

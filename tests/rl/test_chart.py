@@ -169,7 +169,7 @@ class Net:
     def __init__(self, lookers: int, things: int = 1, envs: int = 1, numbers: TrackNoise = ASSUMED, **radio):
         place = torch.zeros((envs, lookers, 3))
         self.looks = torch.full((envs, lookers, things, 3), UNSEEN)
-        shift, relays = radio.pop("shift", 0), radio.pop("relays", (0, 0))
+        shift = radio.pop("shift", 0)
         self.radio = Radio(
             RadioConfig(**radio),
             place,
@@ -178,7 +178,6 @@ class Net:
             kept=Message.SIZE,
             known=False,
             shift=shift,
-            relays=relays,
         )
         self.chart = Chart(self.looks, self.radio, DT, numbers)
         self.place, self.step, self.envs = place, 0, envs
@@ -258,21 +257,6 @@ def test_without_messages_nobody_knows(radio):
         net.go({(0, 0): (1.0, 0.0, 1.0)})
     assert float(net.chart.tracks[0, 0, 0, AGE]) == 0.0
     assert float(net.chart.tracks[0, 1, 0, AGE]) >= NEVER
-
-
-def test_relays_reach_further_and_take_twice_as_long():
-    for relays, heard in (((0, 0), False), ((2, 3), True)):
-        net = Net(3, relays=relays, range=100.0, delay=0.4)
-        net.place[:, 1, 0], net.place[:, 2, 0] = 160.0, 80.0
-        net.go(which=2)
-        for _ in range(12):
-            net.go({(0, 0): (1.0, 0.0, 1.0)})
-        age = float(net.radio.heard[0, 1, 0, -1])
-        assert (age < NEVER) is heard
-        if heard:
-            assert age == pytest.approx(0.8)
-            assert float(net.chart.tracks[0, 1, 0, AGE]) == pytest.approx(0.8)
-        assert float(net.radio.heard[0, 2, 0, -1]) == pytest.approx(0.4)  # the relay itself hears directly
 
 
 def test_messages_of_another_environment():

@@ -202,17 +202,6 @@ def test_the_wind_of_a_model_follows_a_gust_by_63_percent_in_the_time_of_its_ave
     assert wind == pytest.approx([10 * (1 - math.exp(-1)), 0.0, 10.0], abs=0.2)
 
 
-def test_boats_that_take_part_and_hold_do_as_boats_that_do_not():
-    ways = []
-    for teams in (("uav",), None):
-        mission = landing("usv.boat_reward.landed=1", teams=teams)
-        mission.begin_each()
-        for _ in range(30):
-            mission.drive({name: team.controller(team) for name, team in mission.teams.items()}, begin=False)
-        ways.append(mission.world.teams["usv"].state.clone())
-    assert torch.equal(*ways)
-
-
 def test_the_deck_is_known_as_well_as_messages_and_looks_allow():
     """Of a deck in steady motion, exact messages of which are late, everything is known exactly."""
     dt, late = 0.1, 0.2

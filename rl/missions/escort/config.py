@@ -40,7 +40,6 @@ class EscortConfig(Strict):
     # s without a sighting or a message before a vehicle searches; assumed
     lost: Annotated[Positive, Plausible(0.5, 5000.0, "s")] = 20.0
     reports: Literal["all", "none", "others"] = "all"  # messages: as sent; none; those of another environment
-    relay: bool = False  # aircraft repeat messages that were lost
 
     @model_validator(mode="after")
     def _consistent(self):

@@ -129,13 +129,9 @@ class SharedTracking(Remembers):
         radio, escort = config.radio, config.escort
         if escort.reports == "none":
             radio = radio.model_copy(update={"loss": 1.0})
-        flying = [g for name, g in groups.items() if name == escort.aircraft]
-        relays = (0, 0)
-        if escort.relay and flying:
-            relays = flying[0].first, flying[0].first + flying[0].count
         self.radio = self.remember(Radio(
             radio, self.place, config.decision_interval, width=width_of(objects), kept=Message.SIZE, known=False,
-            relays=relays, shift=1 if escort.reports == "others" else 0,
+            shift=1 if escort.reports == "others" else 0,
         ))  # fmt: skip
         self.chart = self.remember(Chart(self.sightings, self.radio, config.decision_interval))
         self.targets = self.remember(state.new_zeros((envs, observers, TARGET_SIZE)))

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from rl.missions.landing.rewards import AircraftReward, BoatReward
+from rl.missions.landing.rewards import AircraftReward
 from rl.perception.contacts import SensorsConfig
 from rl.perception.radio import RadioConfig
 from rl.planning.planner import PlanConfig
@@ -44,10 +44,6 @@ class CourseConfig(Strict):
     """`[course]` of the boats."""
 
     speed: Span = (0.0, 1.8)  # that is ordered, of each episode, m/s; 0: it stays, as far as its heading allows
-    turn_deg: Annotated[float, Field(ge=0, le=180)] = 60.0  # by which a policy may leave the ordered course, each way
-    # by which it may leave the ordered speed, each way, m/s; never below 0
-    change: Annotated[NonNegative, Plausible(0.01, 20.0, "m/s")] = 0.8
-    turn_rate_deg: Annotated[Positive, Plausible(0.05, 180.0, "deg/s")] = 4.0  # of the course that is steered; assumed
 
 
 class MarkerConfig(Strict):
@@ -131,7 +127,6 @@ class LandingTeam(TeamConfig):
     control: dict[str, float] = {}  # of boats: numbers of their classical controller
     plan: PlanConfig = PlanConfig()
     aircraft_reward: AircraftReward = AircraftReward()
-    boat_reward: BoatReward = BoatReward()
 
 
 class LandingEvaluation(Evaluation):
@@ -167,6 +162,11 @@ class LandingScenario(Scenario):
                 "on a boat of its own"
             )
         return self
+
+    @property
+    def scripted(self) -> tuple[str, ...]:
+        """The boats, too, which hold their courses."""
+        return (*super().scripted, self.landing.boats)
 
     @property
     def parts(self) -> dict[str, LandingTeam]:

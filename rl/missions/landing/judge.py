@@ -11,9 +11,7 @@ from torch import Tensor
 from rl.judge import Episodes, Judge, Judged
 from rl.missions.landing.aircraft import Aircraft
 from rl.missions.landing.config import LandingScenario
-from rl.missions.landing.deck_motion import Decks
 from rl.step import Step
-from taichi_sim.kernels.conventions import DOWN
 
 OUTCOMES = ("landed", "hard", "toppled", "slid", "ditched", "struck", "late", "lost")
 """How an aircraft's episode ends; lost: outside its model, or no finite state."""
@@ -29,18 +27,13 @@ class Landings(Judged, Protocol):
         ...
 
     @property
-    def boats(self) -> Decks:
-        """The boats, whether they take part or not."""
-        ...
-
-    @property
     def aircraft(self) -> Aircraft | None:
-        """The aircraft, if they take part."""
+        """The aircraft."""
         ...
 
 
 class LandingJudge(Judge[Landings, LandingScenario]):
-    """Measures outcomes and touchdowns of aircraft [env, aircraft], and the motion of the boats' decks."""
+    """Measures outcomes and touchdowns of aircraft [env, aircraft]."""
 
     shares = ("success_rate", *OUTCOMES[1:])
     told = MappingProxyType({
@@ -68,8 +61,6 @@ class LandingJudge(Judge[Landings, LandingScenario]):
         "touch_speed_p95_m_s": "95th percentile of the same",
         "aborts": "times an aircraft was below 1 m and then rose above 2.5 m over the deck, mean of an episode",
         "energy_kJ": "work of the rotors' shafts until the end of the episode, mean",
-        "deck_speed_m_s": "root mean square vertical speed of the deck (boats)",
-        "deck_tilt_deg": "root mean square angle of the deck's normal to the vertical (boats)",
         "action_change_rms": Judge.definitions["action_change_rms"],
         "reward_per_step": Judge.definitions["reward_per_step"],
     }
@@ -79,76 +70,52 @@ class LandingJudge(Judge[Landings, LandingScenario]):
         """Watch `team`."""
         super().__init__(mission, team)
         shape = self.collided.shape
-        self.flies = team == mission.config.landing.aircraft
         self.outcome = np.full(shape, NONE)
         self.time, self.error, self.speed = (np.full(shape, np.nan) for _ in range(3))
         self.aborts, self.work = np.zeros(shape), np.zeros(shape)
-        self.speeds, self.tilts, self.steps = (np.zeros(shape[0]) for _ in range(3))
-
-    @property
-    def _aircraft(self) -> Aircraft | None:
-        """The aircraft, where the judge measures them, not the boats."""
-        return self.mission.aircraft if self.flies else None
 
     def see(self, step: Step, number: int) -> None:
         """Take decision `number` (from 1) into account; an aircraft counts until its episode ends."""
-        team, dt = self._aircraft, self.mission.config.decision_interval
-        if team is not None:
-            alive = self.outcome == NONE
-            touching = team.touching.cpu().numpy() & alive
-            self.time[touching] = number * dt
-            self.error[touching] = team.touch_error.double().cpu().numpy()[touching]
-            touched = team.touched.cpu().numpy() & alive
-            self.speed[touched] = team.touch_speed.double().cpu().numpy()[touched]
-            self.aborts[alive] = team.aborts.cpu().numpy()[alive]
-            power = team.model.power(team.fleet)
-            assert power is not None
-            self.work[alive] += dt * power.double().cpu().numpy()[alive]
-            ended = step.endings[self.name]
-            for key, flag in ended.items():
-                code = OUTCOMES.index(key) if key in OUTCOMES else OUTCOMES.index("lost")
-                now = flag.cpu().numpy() & (self.outcome == NONE)
-                self.outcome[now] = code
-        else:
-            alive = ~self.failed
-            deck = self.mission.boats.deck
-            self.speeds[alive] += deck.velocity[..., DOWN].double().square().mean(-1).cpu().numpy()[alive]
-            self.tilts[alive] += deck.tilt.double().square().mean(-1).cpu().numpy()[alive]
-            self.steps[alive] += 1
+        team, dt, alive = self.mission.aircraft, self.mission.config.decision_interval, self.outcome == NONE
+        assert team is not None
+        touching = team.touching.cpu().numpy() & alive
+        self.time[touching] = number * dt
+        self.error[touching] = team.touch_error.double().cpu().numpy()[touching]
+        touched = team.touched.cpu().numpy() & alive
+        self.speed[touched] = team.touch_speed.double().cpu().numpy()[touched]
+        self.aborts[alive] = team.aborts.cpu().numpy()[alive]
+        power = team.model.power(team.fleet)
+        assert power is not None
+        self.work[alive] += dt * power.double().cpu().numpy()[alive]
+        for key, flag in step.endings[self.name].items():
+            code = OUTCOMES.index(key) if key in OUTCOMES else OUTCOMES.index("lost")
+            self.outcome[flag.cpu().numpy() & (self.outcome == NONE)] = code
         super().see(step, number)
 
     def series(self) -> dict[str, Tensor]:
-        """Heights and distances of aircraft, or the motion of boats' decks."""
-        team, deck = self._aircraft, self.mission.boats.deck
-        if team is None:
-            return {"vertical speed of the deck (m/s)": deck.velocity[..., DOWN], "tilt of the deck (rad)": deck.tilt}
+        """Heights and distances of aircraft."""
+        team = self.mission.aircraft
+        assert team is not None
         level = team.offset[..., :2].norm(dim=-1)
         return {"height above the deck (m)": team.height, "distance from its middle (m)": level}
 
     @classmethod
     def episodes(cls, seen: Sequence[Self], config: LandingScenario) -> dict[str, NDArray[np.float64]]:
-        """Add outcomes and touchdowns (means over aircraft), or the motion of decks, to the numbers of each episode."""
-        common = super().episodes(seen, config)
+        """Add outcomes and touchdowns (means over aircraft) to the numbers of each episode."""
         get = {
             key: np.concatenate([getattr(j, key) for j in seen])
-            for key in ("outcome", "time", "error", "speed", "aborts", "work", "speeds", "tilts", "steps")
+            for key in ("outcome", "time", "error", "speed", "aborts", "work")
         }
-        none = np.full(len(get["outcome"]), np.nan)
-        flies = bool(seen and seen[0].flies)
         outcome = np.where(get["outcome"] == NONE, OUTCOMES.index("late"), get["outcome"])
-        landed = outcome == 0
-        found = {name: (outcome == k).mean(axis=1).astype(float) if flies else none for k, name in enumerate(OUTCOMES)}
-        return common | {
+        found = {name: (outcome == k).mean(axis=1).astype(float) for k, name in enumerate(OUTCOMES)}
+        return super().episodes(seen, config) | {
             **found,
-            "succeeded": found["landed"] if flies else common["succeeded"],
-            "time_s": _mean(np.where(landed, get["time"], np.nan)) if flies else none,
-            "error_m": _mean(get["error"]) if flies else none,
-            "speed_m_s": _mean(get["speed"]) if flies else none,
-            "aborts": get["aborts"].mean(axis=1) if flies else none,
-            "work_kJ": get["work"].mean(axis=1) / 1e3 if flies else none,
-            "deck_speeds": none if flies else get["speeds"],
-            "deck_tilts": none if flies else get["tilts"],
-            "deck_steps": none if flies else get["steps"],
+            "succeeded": found["landed"],
+            "time_s": _mean(np.where(outcome == 0, get["time"], np.nan)),
+            "error_m": _mean(get["error"]),
+            "speed_m_s": _mean(get["speed"]),
+            "aborts": get["aborts"].mean(axis=1),
+            "work_kJ": get["work"].mean(axis=1) / 1e3,
         }
 
     @classmethod
@@ -160,13 +127,10 @@ class LandingJudge(Judge[Landings, LandingScenario]):
             unit = key.removeprefix("time").removeprefix("error").removeprefix("speed")
             figures[f"{name}{unit}"] = _quantile(episodes[key], 0.5)
             figures[f"{name}_p95{unit}"] = _quantile(episodes[key], 0.95)
-        steps = np.maximum(episodes["deck_steps"].sum(-1), 1e-9)
         figures |= {
             "success_rate": episodes["succeeded"].mean(-1),
             "aborts": episodes["aborts"].mean(-1),
             "energy_kJ": episodes["work_kJ"].mean(-1),
-            "deck_speed_m_s": np.sqrt(episodes["deck_speeds"].sum(-1) / steps),
-            "deck_tilt_deg": np.degrees(np.sqrt(episodes["deck_tilts"].sum(-1) / steps)),
             "action_change_rms": common["action_change_rms"],
             "reward_per_step": common["reward_per_step"],
         }
@@ -180,20 +144,14 @@ class LandingJudge(Judge[Landings, LandingScenario]):
 
     @classmethod
     def loss(cls, episodes: Episodes, config: LandingScenario) -> NDArray[np.float64]:
-        """Loss of an episode. Aircraft: 10 if not landed, plus time to land and touchdown error. Boats: the deck's
-        motion.
-        """
-        steps = np.nan_to_num(episodes["deck_steps"], nan=0.0)
-        moves = np.nan_to_num(episodes["deck_speeds"], nan=0.0) / np.maximum(steps, 1)
+        """Loss of an episode: 10 if not landed, plus time to land and touchdown error."""
         late = np.nan_to_num(episodes["time_s"], nan=config.episode_duration) / config.episode_duration
         off = np.nan_to_num(episodes["error_m"], nan=0.0)
-        return 10 * (1 - episodes["succeeded"]) * (steps == 0) + (late + off) * (steps == 0) + moves
+        return 10 * (1 - episodes["succeeded"]) + late + off
 
     @classmethod
     def line(cls, figures: dict[str, float | None]) -> str:
         """The figures of one team as a line to read."""
-        if figures["deck_speed_m_s"] is not None:
-            return f"deck moves {figures['deck_speed_m_s']:.2f} m/s and {figures['deck_tilt_deg']:.1f} deg rms"
         told = [f"{100 * (figures['success_rate'] or 0.0):.1f} % land"]
         if figures["time_to_land_s"] is not None:
             told.append(f"after {figures['time_to_land_s']:.1f} s (p95 {figures['time_to_land_p95_s']:.1f} s)")

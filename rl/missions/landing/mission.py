@@ -1,11 +1,10 @@
 """Landing: multirotors come in over boats in a seaway and land on their decks.
 
-Aircraft i lands on boat i. An episode begins with
-the boats under way, or still, on courses of their own, and each aircraft in hover 20 to 60 m from its deck, anywhere
-around. An aircraft knows itself by its instruments, the deck by a camera that sees a marker on it from near and by what
-the boat tells by radio (boats.py), late and at times lost (known_deck.py). It has landed when all its soles have been
-on the deck for some seconds, and it came down softly (`[landing]`). Boats that take no part hold their course
-(boats.Helm).
+Aircraft i lands on boat i. An episode begins with the boats under way, or still, on courses that they hold, and each
+aircraft in hover 20 to 60 m from its deck, anywhere around. An aircraft knows itself by its instruments, the deck by a
+camera that sees a marker on it from near and by what the boat tells by radio (boats.py), late and at times lost
+(known_deck.py). It has landed when all its soles have been on the deck for some seconds, and it came down softly
+(`[landing]`).
 """
 
 import math
@@ -19,7 +18,6 @@ from rl.mission import Frame, Histories, Mission
 from rl.missions.landing.aircraft import Aircraft, SensingAircraft
 from rl.missions.landing.boats import Boats, Helm, Message
 from rl.missions.landing.config import LandingConfig, LandingScenario
-from rl.missions.landing.deck_steadying import BoatTeam
 from rl.missions.landing.film import overlays_of
 from rl.missions.landing.judge import LandingJudge
 from rl.missions.landing.planning_model import ImaginedLanding, imagined_scenario
@@ -85,13 +83,12 @@ def aloft(team: Aircraft, over: Tensor, config: LandingConfig, generator: torch.
     )
 
 
-class Landing(Mission[LandingScenario, BoatTeam | SensingAircraft]):
+class Landing(Mission[LandingScenario, SensingAircraft]):
     """Boats with decks and aircraft that land on them; see the module.
 
     Attributes:
-        boats: the boats (boats.py), whether they take part or not. manned: whether they do. aircraft: the team of
-            aircraft, or None.
-        hs: [env] significant wave height, m. radio: between boats and aircraft, boats first.
+        boats: the boats (boats.py). aircraft: the team of aircraft, or None. hs: [env] significant wave height, m.
+        radio: between boats and aircraft, boats first.
     """
 
     Config = LandingScenario
@@ -101,24 +98,12 @@ class Landing(Mission[LandingScenario, BoatTeam | SensingAircraft]):
         self, config: LandingScenario, num_envs: int, *, seed: int, teams: Sequence[str] | None = None,
         source: Path | None = None,
     ):  # fmt: skip
-        """Build the mission (see `Mission`), with boats even if they are not among the `teams` that take part."""
-        name = config.landing.boats
-        self.manned = teams is None or name in teams
-        there = None if teams is None else [team for team in config.teams if team in (*teams, name)]
+        """Build the mission (see `Mission`), with boats even if they are not among the `teams`."""
+        there = None if teams is None else [team for team in config.teams if team in (*teams, config.landing.boats)]
         super().__init__(config, num_envs, seed=seed, teams=there, source=source)
 
-    def _alike(self, num_envs: int) -> "Landing":
-        """Make another mission of the same scenario, seed and teams.
-
-        Both share the vehicle models, so that kernels are compiled once.
-        """
-        other = type(self)(self.config, num_envs, seed=self.seed, teams=tuple(self.teams), source=self.source)
-        for name, fleet in self.world.teams.items():
-            other.world.teams[name].model = fleet.model
-        return other
-
-    def make_teams(self, names: Sequence[str]) -> dict[str, BoatTeam | SensingAircraft]:
-        """Make the boats, steered by a script if they take no part, then the teams.
+    def make_teams(self, names: Sequence[str]) -> dict[str, SensingAircraft]:
+        """Make the boats, which a script steers, and the aircraft.
 
         Raises:
             ConfigError: where boats have no deck, or there are teams without a part.
@@ -132,30 +117,27 @@ class Landing(Mission[LandingScenario, BoatTeam | SensingAircraft]):
                 )
         self._hs = torch.as_tensor(self.world.sea.components.hs).to(run.device, run.torch_dtype)
         self.hs = self.remember(torch.zeros(self.num_envs, device=run.device, dtype=run.torch_dtype))
-        self.boats = self.remember(Boats(fleets[parts.boats], self.steps, self.config, manned=self.manned))
+        self.boats = self.remember(Boats(fleets[parts.boats], self.steps, self.config))
         craft = self.boats.fleet.count + (fleets[parts.aircraft].count if parts.aircraft in names else 0)
         self._place = self.scratch(self.boats.fleet.state.new_zeros((self.num_envs, craft, 3)))
         self.radio = self.remember(
             Radio(self.config.radio, self._place, self.config.decision_interval, width=Message.SIZE)
         )
-        self.aircraft, teams = None, {}
-        if self.manned:
-            teams[parts.boats] = BoatTeam(self, parts.boats, self.boats)
-        else:
-            self.world.scripts[parts.boats] = Helm(self.boats)
-        if parts.aircraft in names:
-            self.aircraft = teams[parts.aircraft] = SensingAircraft(self, parts.aircraft, self.boats, self.radio)
-        return {name: teams[name] for name in names if name in teams}
+        self.world.scripts[parts.boats], self.aircraft = Helm(self.boats), None
+        if parts.aircraft not in names:
+            return {}
+        self.aircraft = SensingAircraft(self, parts.aircraft, self.boats, self.radio)
+        return {parts.aircraft: self.aircraft}
 
     # -- one step --------------------------------------------------------------------------------------------------
 
     def truth(self, due: Due) -> None:
-        """Measure the boats, whether they take part or not; then the teams."""
-        self.boats.truth(due)
+        """Measure the decks, then the aircraft."""
+        self.boats.follow()
         super().truth(due)
 
     def perceive(self, due: Due) -> None:
-        """Boats read their instruments, whether they take part or not; aircraft look at their decks, too."""
+        """Boats read their instruments; aircraft look at their decks, too."""
         self.boats.perceive(due)
         super().perceive(due)
 
@@ -167,12 +149,6 @@ class Landing(Mission[LandingScenario, BoatTeam | SensingAircraft]):
             place[:, count:] = self.aircraft.fleet.position_n
             said[:, count:, :3], said[:, count:, 3:6] = self.aircraft.own.position_n, self.aircraft.own.velocity_n
         self.radio.talk(due)
-
-    def served(self) -> Tensor:
-        """Whether an aircraft has landed on each boat in this step, bool [env, boat]."""
-        if self.aircraft is None:
-            return torch.zeros_like(self.boats.steered, dtype=torch.bool)
-        return self.aircraft.ends()["landed"]
 
     # -- episodes --------------------------------------------------------------------------------------------------
 
@@ -192,10 +168,8 @@ class Landing(Mission[LandingScenario, BoatTeam | SensingAircraft]):
 
     # -- what others ask -------------------------------------------------------------------------------------------
 
-    def imagined(self, team: BoatTeam | SensingAircraft) -> ImaginedLanding | None:
-        """Make an `ImaginedLanding` for aircraft; None for boats."""
-        if team is not self.aircraft:
-            return None
+    def imagined(self, team: SensingAircraft) -> ImaginedLanding | None:
+        """Make an `ImaginedLanding`."""
         config, parts = imagined_scenario(self.config, self.world.sea.table.shape[2]), self.config.landing
         teams = (parts.boats, parts.aircraft)
         made = ImaginedLanding(config, self.num_envs, seed=self.seed, teams=teams, source=self.source)
@@ -212,7 +186,7 @@ class Landing(Mission[LandingScenario, BoatTeam | SensingAircraft]):
         sure = section.marker.model_copy(update={"loss": 0.0, "spray": 0.0})
         return calm.model_copy(update={"vary": {}, team: section.model_copy(update={"marker": sure})})
 
-    def followed(self, team: BoatTeam | SensingAircraft) -> dict[str, float]:
+    def followed(self, team: SensingAircraft) -> dict[str, float]:
         """The boats, from as far as episodes begin."""
         return {self.boats.fleet.name: self.config.landing.distance[1]}
 

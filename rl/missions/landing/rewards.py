@@ -9,11 +9,9 @@ from pydantic import model_validator
 from torch import Tensor
 
 from rl.guidance.rewards import action_rate, coarse, penalty
-from rl.missions.landing.deck_motion import DeckMotion
 from rl.step import Endings
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.fleet import Fleet
-from taichi_sim.kernels.conventions import DOWN
 
 
 class AircraftReward(Strict):
@@ -34,19 +32,6 @@ class AircraftReward(Strict):
     def _without_scale(cls, data: object) -> object:
         """Accept files of earlier versions, in which metres of distance were paid for, over `closing_scale`."""
         return {key: value for key, value in data.items() if key != "closing_scale"} if isinstance(data, dict) else data
-
-
-class BoatReward(Strict):
-    """Weights and scales of a boat's terms; all are of the deck's middle."""
-
-    heave: NonNegative = 1.0  # -(vertical speed / heave_scale)^2
-    heave_scale: Positive = 0.5  # m/s
-    tilt: NonNegative = 0.5  # -(tilt / tilt_scale)^2
-    tilt_scale: Positive = 0.1  # rad
-    swing: NonNegative = 0.5  # -(level speed of the deck over that of its mean / swing_scale)^2
-    swing_scale: Positive = 0.5  # m/s
-    landed: NonNegative = 0.0  # 1 when its aircraft has landed
-    action_rate: NonNegative = 0.05
 
 
 def touchdown(settling: Tensor, error: Tensor, speed: Tensor, tilt: Tensor, w: AircraftReward) -> Tensor:
@@ -81,29 +66,6 @@ class RewardedAircraft(Protocol):
     touch_tilt: Tensor
 
 
-class RewardedBoats(Protocol):
-    """What the boats' terms read (deck_steadying.py); tensors are [env, boat, ...]."""
-
-    fleet: Fleet
-    chosen: Tensor
-    chosen_before: Tensor
-
-    @property
-    def deck(self) -> DeckMotion:
-        """The motion of the decks."""
-        ...
-
-    @property
-    def swing(self) -> Tensor:
-        """Level speed of the deck relative to its mean velocity, m/s."""
-        ...
-
-    @property
-    def served(self) -> Tensor:
-        """Whether an aircraft of each boat has landed in this step."""
-        ...
-
-
 AIRCRAFT_TERMS: dict[str, Callable[[RewardedAircraft, Endings, AircraftReward], Tensor]] = {
     "closing": lambda team, ended, w: (team.before - team.to_go) / team.interval,
     "time": lambda team, ended, w: penalty(~team.touched),
@@ -113,12 +75,3 @@ AIRCRAFT_TERMS: dict[str, Callable[[RewardedAircraft, Endings, AircraftReward], 
     "action_rate": lambda team, ended, w: action_rate(team.action, team.previous_action),
 }
 """A weight's name -> its term, of aircraft (aircraft.py), their endings, and the weights."""
-
-BOAT_TERMS: dict[str, Callable[[RewardedBoats, Endings, BoatReward], Tensor]] = {
-    "heave": lambda team, ended, w: -(team.deck.velocity[..., DOWN] / w.heave_scale).square(),
-    "tilt": lambda team, ended, w: -(team.deck.tilt / w.tilt_scale).square(),
-    "swing": lambda team, ended, w: -(team.swing / w.swing_scale).square(),
-    "landed": lambda team, ended, w: team.served.to(team.swing),
-    "action_rate": lambda team, ended, w: action_rate(team.chosen, team.chosen_before),
-}
-"""A weight's name -> its term, of boats (deck_steadying.py), their endings, and the weights."""
