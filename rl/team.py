@@ -26,6 +26,7 @@ from rl.scenario import Scenario
 from rl.step import COLLIDED, DIVERGED, Due, Endings, VehicleActions
 from taichi_sim.config import TeamConfig
 from taichi_sim.config.arguments import checked_action
+from taichi_sim.errors import UserError
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 from taichi_sim.state.divergence import Divergence
@@ -46,7 +47,7 @@ Policy = Callable[["Team"], Action]
 """Decides for a team, by what its vehicles know and observe."""
 
 
-class ControllerError(RuntimeError):
+class ControllerError(UserError, RuntimeError):
     """There is no classical controller for a team's vehicles."""
 
 

@@ -8,6 +8,8 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from taichi_sim.options import positive_int, seed
+
 if TYPE_CHECKING:
     from rl.scenario import Scenario
 
@@ -28,10 +30,10 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--config", default=None, metavar="FILE", help="scenario (default: configs/cruise.toml)")
     p.add_argument("--out", type=Path, default=None, help="run folder (default: runs/SCENARIO-DATE-TIME)")
-    p.add_argument("--seed", type=shared.seed, default=None, help="seed of the run (default: the scenario's)")
+    p.add_argument("--seed", type=seed, default=None, help="seed of the run (default: the scenario's)")
     p.add_argument("--resume", action="store_true", help="continue the run in --out (default: the newest in runs/)")
     p.add_argument("--watch", action="store_true", help="show the training in a rerun viewer on this machine")
-    p.add_argument("--port", type=shared.positive_int, default=9876, help="port of --watch (default: %(default)s)")
+    p.add_argument("--port", type=positive_int, default=9876, help="port of --watch (default: %(default)s)")
     p.add_argument("--logger", choices=("tensorboard", "wandb", "none"), default="tensorboard",
                    help="where curves go besides files (default: %(default)s; wandb: extra `wandb`)")  # fmt: skip
     p.add_argument("--no-evaluation", action="store_true",
@@ -49,13 +51,11 @@ def main(argv: list[str] | None = None) -> None:
     from rl.runs import ranks, torchrun
     from rl.runs.main_job import report, run_main_job
     from rl.runs.watch import refuse_used, training_view
-    from taichi_sim.config.base import MissingExtraError
+    from taichi_sim.errors import needs
 
     if args.logger == "wandb":
-        from rsl_rl.utils.wandb_log_writer import wandb  # pyright: ignore[reportAttributeAccessIssue]
-
-        if wandb is None:
-            raise MissingExtraError("wandb", "wandb")
+        with needs("wandb", "wandb"):
+            import wandb  # noqa: F401  # pyright: ignore[reportMissingImports]
     if args.watch and ranks.here().first and not torchrun.launched():
         refuse_used(args.port)
     config, source, out = run_of(args)

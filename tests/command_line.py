@@ -26,7 +26,7 @@ from rl.commands import shared
 from rl.learn.policy import checkpoints
 from rl.missions import load_scenario
 from rl.missions.formation.config import FormationScenario
-from taichi_sim.config.base import MissingExtraError
+from taichi_sim.errors import MissingExtraError
 
 ROOT = Path(__file__).resolve().parents[1]
 ITERATIONS = 4

@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 from test_recording import make_episode
 
+from taichi_sim.errors import MissingExtraError
 from taichi_sim.visualisation.film import FilmError, Picture, check_film, moment_of, write_film
 from taichi_sim.visualisation.film.camera import FollowRig
 from taichi_sim.visualisation.film.files import film_times
@@ -176,6 +177,6 @@ def test_a_missing_extra_is_named(tmp_path, monkeypatch):
         return known(name, *args, **options)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(FilmError, match=r"taichi-sim\[film\]"):
+    with pytest.raises(MissingExtraError, match=r"taichi-sim\[film\]"):
         check_film(tmp_path / "film.mp4")
     assert check_film(tmp_path / "film.gif") == tmp_path / "film.gif"

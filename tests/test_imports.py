@@ -12,6 +12,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 # From the bottom up; a name stands for the module or package and all inside it.
 LAYERS = (
+    ("taichi_sim.errors", "taichi_sim.options"),
     (
         "taichi_sim.config",
         "taichi_sim.kernels",

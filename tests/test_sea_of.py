@@ -48,7 +48,7 @@ def test_a_file_is_described_and_what_is_wrong_named(capsys):
     assert "nearest is '2020-06-07 04:50'" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         sea_of.main([str(BUOY), "--envs", "0"])
-    assert "--envs 0" in capsys.readouterr().err
+    assert "--envs: 0: allowed are 1 to 4096" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -685,7 +685,7 @@ def test_the_command_answers_over_udp(tmp_path):
     ("kvlcc2 --address everywhere", "not an IP address"),
     ("kvlcc2 --pwm 2000 1000", "the first must be less"),
     ("kvlcc2 --record run.mp4", "must end in .rrd"),
-    ("kvlcc2 --live --live-port 0", "--live-port 0: allowed are 1 to"),
+    ("kvlcc2 --live --live-port 0", "--live-port: 0: allowed are 1 to"),
     ("kvlcc2 --port {port}", "in use"),
     ("kvlcc2 --air turbulence=dryden", "in TOML (quote strings)"),
     ("x500 --air gust.amplitude=[0,5]", "amplitude"),

@@ -27,18 +27,19 @@ import numpy as np
 from taichi_sim.applications.trials import rotorcraft
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder, read_toml, validate
+from taichi_sim.errors import UserError, message
 from taichi_sim.kernels import runtime
 from taichi_sim.models.uav.fixed_wing.airframe_arrays import FlightEnvelope, flight_envelope
 from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.models.uav.fixed_wing.trim import TrimError, largest_stable_dt, linear_modes, trim
 from taichi_sim.models.uav.multirotor.params import MultirotorParams
+from taichi_sim.options import PICTURES, picture
 
 MODEL = "fixed_wing_6dof"
 PARAMS = {MODEL: FixedWingParams, rotorcraft.MODEL: MultirotorParams}
 ROWS = 11  # airspeeds of the trim table and of the V-n table
 BISECTIONS = 30  # for the airspeeds at which trims end
 SLOWEST = 0.9  # first row of the trim table in stall airspeeds, to show why it cannot trim there
-FORMATS = (".png", ".pdf", ".svg", ".jpg")
 CURVE, LIMIT, CRUISE = "#0072B2", "#D55E00", "#22313F"
 
 
@@ -159,7 +160,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE", help="override SECTION.KEY"
     )
-    p.add_argument("--out", type=Path, metavar="FILE", help=f"draw the diagram here ({', '.join(FORMATS)})")
+    p.add_argument("--out", type=picture, metavar="FILE", help=f"draw the diagram here ({', '.join(PICTURES)})")
     return p
 
 
@@ -185,15 +186,12 @@ def report(args: argparse.Namespace) -> str:
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command."""
-    arguments = parser()
-    args = arguments.parse_args(argv)
-    if args.out and args.out.suffix not in FORMATS:
-        arguments.error(f"--out {args.out}: must end in one of {', '.join(FORMATS)}")
+    args = parser().parse_args(argv)
     runtime.init(precision="f64", threads=1)
     try:
         print(report(args))
-    except (ConfigError, ValueError, OSError) as error:
-        print(f"aircraft.py: {error}", file=sys.stderr)
+    except (UserError, OSError) as error:
+        print(f"aircraft.py: {message(error)}", file=sys.stderr)
         return 2
     return 0
 

@@ -26,7 +26,7 @@ from rl.commands import shared
 from rl.missions import load_scenario
 from rl.missions.formation.config import FormationScenario
 from rl.runs import folder as run_folder
-from taichi_sim.config.io import output
+from taichi_sim.options import output, positive_float, positive_int
 from tools.benchmarking.against import GROUPS, compare
 from tools.benchmarking.against import table as ratios_table
 from tools.benchmarking.learning import train
@@ -58,10 +58,8 @@ def parser() -> argparse.ArgumentParser:
     """The arguments."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--json", type=output, metavar="FILE", help="also write the figures to FILE")
-    p.add_argument("--threads", type=shared.positive_int, default=0, help="CPU threads (default: all cores)")
-    p.add_argument(
-        "--seconds", type=shared.positive_float, default=None, help="length of one repetition, s (default: 0.5)"
-    )
+    p.add_argument("--threads", type=positive_int, default=0, help="CPU threads (default: all cores)")
+    p.add_argument("--seconds", type=positive_float, default=None, help="length of one repetition, s (default: 0.5)")
     p.add_argument(
         "--quick",
         action="store_true",
@@ -75,7 +73,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--only", nargs="+", choices=GROUPS, default=GROUPS, help="groups to compare (default: all)")
     p.add_argument(
         "--repetitions",
-        type=shared.positive_int,
+        type=positive_int,
         default=REPETITIONS,
         help="repetitions of --against (default: %(default)s)",
     )

@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from taichi_sim.options import positive_int, seed
+
 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
@@ -21,12 +23,8 @@ def parser() -> argparse.ArgumentParser:
 
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="run folders of rl/train.py")
-    p.add_argument(
-        "--seed", type=shared.seed, default=None, help="seed of the held-out episodes (default: the scenario's)"
-    )
-    p.add_argument(
-        "--episodes", type=shared.positive_int, default=None, help="episodes of each run (default: the scenario's)"
-    )
+    p.add_argument("--seed", type=seed, default=None, help="seed of the held-out episodes (default: the scenario's)")
+    p.add_argument("--episodes", type=positive_int, default=None, help="episodes of each run (default: the scenario's)")
     shared.add_common(p)
     return p
 

@@ -20,6 +20,7 @@ import numpy as np
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from taichi_sim.options import positive_int, seed
 from tools.compare import joined
 
 POLICY, CLASSICAL, NEXT, ALONE = "policy", "classical", "of the next run", "trained alone"
@@ -77,12 +78,10 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="run folders of rl/train.py --config escort")
     p.add_argument("--alone", nargs="*", type=Path, default=[], metavar="RUN", help="runs trained without messages")
-    p.add_argument(
-        "--seed", type=shared.seed, default=None, help="seed of the held-out episodes (default: the scenario's)"
-    )
+    p.add_argument("--seed", type=seed, default=None, help="seed of the held-out episodes (default: the scenario's)")
     p.add_argument(
         "--episodes",
-        type=shared.positive_int,
+        type=positive_int,
         default=None,
         help="episodes of each condition (default: the scenario's)",
     )

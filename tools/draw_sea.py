@@ -29,11 +29,12 @@ from matplotlib.colors import LightSource, LinearSegmentedColormap
 from matplotlib.figure import Figure
 
 from taichi_sim.config import ConfigError, SeaConfig
-from taichi_sim.config.base import MissingExtraError
 from taichi_sim.config.io import load_world
+from taichi_sim.errors import UserError, message
 from taichi_sim.kernels import runtime
+from taichi_sim.options import picture, seed
 from taichi_sim.randomisation.conditions import resolved_sea
-from taichi_sim.surroundings.sea import Sea, SteepSeaError
+from taichi_sim.surroundings.sea import Sea
 from taichi_sim.surroundings.sea.measured import MeasuredSystem, WaveRecord, band_moments
 from taichi_sim.surroundings.sea.sampling import System
 from taichi_sim.surroundings.sea.sea import wave_systems
@@ -49,7 +50,6 @@ MEASURED = "#D55E00"
 WAVELENGTHS, GRID = 5, 160  # peak wavelengths and points along a side of the surface drawn
 RELIEF = 0.03  # height of the landscape, 4 standard deviations, over its side
 FORRISTALL = (2.126, 8.42)  # exponent and scale of Forristall's law for H / sigma, sigma = hs / 4
-FORMATS = (".png", ".pdf", ".svg", ".jpg")
 
 WATER = LinearSegmentedColormap.from_list("water", ["#06243F", "#0B4A6F", "#1D7A94", "#63B4B8", "#D9F0EA"])
 TARGET, REALISED, SWELL = "#D55E00", "#0072B2", "#8C3CBE"
@@ -325,27 +325,22 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="override a key, such as sea.hs=1; repeatable"
     )
-    parser.add_argument("--seed", type=int, help="of the realisations, >= 0 [the scenario's]")
-    parser.add_argument("--out", type=Path, default=Path("sea.png"), help="file to write: png, pdf, svg, jpg [sea.png]")
+    parser.add_argument("--seed", type=seed, help="of the realisations, >= 0 [the scenario's]")
+    parser.add_argument(
+        "--out", type=picture, default=Path("sea.png"), help="file to write: png, pdf, svg, jpg [sea.png]"
+    )
     arguments = parser.parse_args(argv)
-    if arguments.out.suffix.lower() not in FORMATS:
-        parser.error(f"--out {arguments.out}: must end in one of {', '.join(FORMATS)}")
-    if arguments.seed is not None and arguments.seed < 0:
-        parser.error(f"--seed {arguments.seed}: must be 0 or more")
     try:
         world = load_world(arguments.scenario, arguments.set)
         runtime.init()
-        seed = world.seed if arguments.seed is None else arguments.seed
-        draw(resolved_sea(world), seed, f"Sea of the scenario {world.name!r}").savefig(arguments.out, dpi=100)
-    except (ConfigError, SteepSeaError, MissingExtraError) as error:
-        print(f"draw_sea: {error}", file=sys.stderr)
-        return 2
-    except OSError as error:
-        print(f"draw_sea: {arguments.out}: cannot be written: {error.strerror or error}", file=sys.stderr)
+        which = world.seed if arguments.seed is None else arguments.seed
+        draw(resolved_sea(world), which, f"Sea of the scenario {world.name!r}").savefig(arguments.out, dpi=100)
+    except (UserError, OSError) as error:
+        print(f"draw_sea: {message(error)}", file=sys.stderr)
         return 2
     print(arguments.out)
     return 0
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(main())

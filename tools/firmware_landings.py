@@ -33,6 +33,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from taichi_sim.options import output, positive_int, seed
+
 if __package__ in (None, ""):
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -421,18 +423,17 @@ def table(kind: Any, episodes: Mapping[str, NDArray[np.float64]]) -> dict[str, S
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
     from rl.commands import shared
-    from taichi_sim.config.io import output
 
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("config", nargs="?", default="landing", metavar="SCENARIO", help="of the landing mission [landing]")
     p.add_argument("--autopilot", type=Path, required=True, metavar="PATH", help="ArduCopter, built for SITL")
     p.add_argument("--companion", metavar="POLICY", help="run folder or scenario whose policy steers [the script does]")
     p.add_argument("--precision", action="store_true", help="the firmware's precision landing, by our marker camera")
-    p.add_argument("--landings", type=shared.positive_int, default=64, metavar="N", help="[64]")
+    p.add_argument("--landings", type=positive_int, default=64, metavar="N", help="[64]")
     p.add_argument("--defaults", type=Path, action="append", default=[], metavar="FILE", help="more parameters")
-    p.add_argument("--at-once", type=shared.positive_int, default=16, metavar="N", help="landings at a time [16]")
+    p.add_argument("--at-once", type=positive_int, default=16, metavar="N", help="landings at a time [16]")
     p.add_argument("--instance", type=int, default=0, help="of the first autopilot: ports 9002 + 10 N [0]")
-    p.add_argument("--seed", type=shared.seed, help="of the first landing; the next ones follow [the scenario's]")
+    p.add_argument("--seed", type=seed, help="of the first landing; the next ones follow [the scenario's]")
     p.add_argument("--json", type=output, metavar="FILE", help="also write the figures to FILE")
     shared.add_common(p)
     return p
@@ -446,8 +447,8 @@ def main(argv: list[str] | None = None) -> None:
     from rl.missions import load_scenario
     from rl.missions.landing.config import LandingScenario
     from taichi_sim.config import ConfigError
-    from taichi_sim.config.base import MissingExtraError
     from taichi_sim.config.io import find_config
+    from taichi_sim.errors import needs
 
     args.autopilot = program(args.autopilot)
     most = min(args.at_once, args.landings)
@@ -455,10 +456,8 @@ def main(argv: list[str] | None = None) -> None:
         raise ConfigError(
             f"--instance {args.instance}: {most} landings at once need as many instances, of 0 to {INSTANCES - 1}"
         )
-    try:
+    with needs("pymavlink", "ardupilot"):
         import pymavlink  # noqa: F401
-    except ImportError:
-        raise MissingExtraError("pymavlink", "ardupilot") from None
     source = find_config(args.config)
     config = load_scenario(source, args.overrides)
     if not isinstance(config, LandingScenario) or {part.count for part in config.parts.values()} != {1}:

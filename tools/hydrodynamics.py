@@ -23,7 +23,6 @@ from pathlib import Path
 
 import numpy as np
 
-from rl.commands.shared import positive_float
 from rl.runs.signals import sigterm_as_interrupt, status
 from taichi_sim.applications.hydro import hull_input, make_database
 from taichi_sim.applications.hydro.frequency_sweep import require_capytaine
@@ -34,10 +33,11 @@ from taichi_sim.applications.hydro.resistance import HullForm
 from taichi_sim.applications.hydro.vehicle_file import UNFINISHED, Flow, Given, Thruster, vehicle_text
 from taichi_sim.applications.hydro.wetted_surface import turned_matrix
 from taichi_sim.config import ConfigError
-from taichi_sim.config.base import MissingExtraError
-from taichi_sim.config.io import output, refuse_unwritable, replacing
+from taichi_sim.config.io import replacing
+from taichi_sim.errors import UserError, message
 from taichi_sim.kernels.conventions import GRAVITY, RHO_SEA
 from taichi_sim.models.usv.hull.database import HydroDatabase, database_file, hull_hash
+from taichi_sim.options import output, positive_float, refuse_unwritable
 
 DT = 1e-3  # s, step for loading a hull, of which only the panels are used
 
@@ -117,11 +117,8 @@ def main(argv: list[str] | None = None) -> int:
     try:
         with sigterm_as_interrupt():
             _run(args, shlex.join(["hydrodynamics", *(sys.argv[1:] if argv is None else argv)]))
-    except (ConfigError, FitError, MissingExtraError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except OSError as error:
-        print(f"error: {error.filename}: {error.strerror}", file=sys.stderr)
+    except (UserError, OSError) as error:
+        print(f"error: {message(error)}", file=sys.stderr)
         return 1
     except KeyboardInterrupt as interrupt:
         print("\ninterrupted", file=sys.stderr)

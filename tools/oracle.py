@@ -9,6 +9,8 @@ import argparse
 import sys
 from pathlib import Path
 
+from taichi_sim.options import positive_int, refuse_unwritable, seed
+
 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
@@ -18,8 +20,8 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("scenario", help="name or file")
     p.add_argument("--team", action="append", help="only this team (may be given again); default: all that are trained")
-    p.add_argument("--episodes", type=shared.positive_int, default=EPISODES, help=f"default: {EPISODES}")
-    p.add_argument("--seed", type=shared.seed, default=SEED, help=f"seed of the held-out episodes (default: {SEED})")
+    p.add_argument("--episodes", type=positive_int, default=EPISODES, help=f"default: {EPISODES}")
+    p.add_argument("--seed", type=seed, default=SEED, help=f"seed of the held-out episodes (default: {SEED})")
     p.add_argument("--classical", action="store_true", help="the classical controller alone: seconds, not hours")
     p.add_argument("--out", type=Path, default=None, help="default: configs/oracle/NAME.json")
     shared.add_common(p)
@@ -35,7 +37,7 @@ def main(argv: list[str] | None = None) -> None:
     from rl.evaluation.headroom import bound_file, headroom_line, read_levels, run_bound, write_bounds
     from rl.missions import load_scenario
     from taichi_sim.config import ConfigError
-    from taichi_sim.config.io import find_config, refuse_unwritable
+    from taichi_sim.config.io import find_config
 
     source = find_config(args.scenario)
     config = load_scenario(args.scenario, args.overrides)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import torch
 
-from taichi_sim.config import ConfigError
+from taichi_sim.errors import UserError
 from taichi_sim.kernels import runtime
 from taichi_sim.state.divergence_dump import load_dump
 from taichi_sim.world import replay
@@ -30,7 +30,7 @@ def main(argv: list[str] | None = None) -> int:
         dump = load_dump(arguments.dump)
         runtime.init(precision=arguments.precision)
         world = replay(dump, arguments.dump.resolve().parents[1] / "config.toml")
-    except (ValueError, ConfigError, IndexError) as error:
+    except UserError as error:
         print(f"replay: {error}", file=sys.stderr)
         return 2
     print(f"{dump.fault}; scenario {dump.config.name}, sea {dump.sea}, t = {dump.time:.2f} s")
@@ -48,4 +48,4 @@ def _row(values: torch.Tensor) -> str:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(main())

@@ -27,7 +27,7 @@ if __package__ in (None, ""):  # run as a script: the packages are beside this f
 from rl.commands import shared
 from rl.runs import folder as run_folder
 from rl.runs import torchrun
-from taichi_sim.config.io import output
+from taichi_sim.options import output, positive_int
 from tools.benchmarking.against import Worker
 
 WORKER = Path(__file__).with_name("benchmarking") / "learning.py"
@@ -118,8 +118,8 @@ def parser() -> argparse.ArgumentParser:
     """The arguments."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--scenario", default="paper", help="its first stage is trained (default: paper)")
-    p.add_argument("--environments", type=shared.positive_int, nargs="+", default=[512, 2048], metavar="N")
-    p.add_argument("--repetitions", type=shared.positive_int, default=5, metavar="N", help="rounds (default: 5)")
+    p.add_argument("--environments", type=positive_int, nargs="+", default=[512, 2048], metavar="N")
+    p.add_argument("--repetitions", type=positive_int, default=5, metavar="N", help="rounds (default: 5)")
     p.add_argument("--against", type=Path, metavar="CHECKOUT", help="another checkout of this project, from ff093b3 on")
     p.add_argument("--json", type=output, metavar="FILE", help="also write the figures to FILE")
     p.add_argument("--quiet", action="store_true", help="no progress bar")

@@ -29,14 +29,14 @@ import torch
 from tqdm import tqdm
 
 from taichi_sim.applications.bench import pack_state
-from taichi_sim.config import ConfigError, SeaConfig, WorldConfig
-from taichi_sim.config.base import MissingExtraError
+from taichi_sim.config import SeaConfig, WorldConfig
 from taichi_sim.config.io import config_folder, validate
+from taichi_sim.errors import UserError, message, needs
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.conventions import GRAVITY, QUATERNION
 from taichi_sim.kernels.rotation import torch_euler_from_quaternion
 from taichi_sim.models.catalogue import load_vehicle
-from taichi_sim.surroundings.sea import SteepSeaError
+from taichi_sim.options import ranged, seed
 from taichi_sim.surroundings.sea.measured import WaveRecord, open_spectra, records_of
 from taichi_sim.surroundings.sea.wind_sea import sea_state
 from taichi_sim.world import World
@@ -99,11 +99,9 @@ def systems(record: WaveRecord, wind: tuple[float, float] | None = None) -> list
     Raises:
         MissingExtraError: if wavespectra is not installed.
     """
-    try:
+    with needs("wavespectra", "waves"):
         import wavespectra  # noqa: F401
         import xarray
-    except ImportError as error:
-        raise MissingExtraError("wavespectra", "waves") from error
     width = record.spread.shape[1] // DIRECTIONS
     share = record.spread.reshape(len(record.density), DIRECTIONS, width).mean(axis=2)
     angles = np.rad2deg((np.arange(DIRECTIONS) + 0.5) * (2 * np.pi / DIRECTIONS) - np.pi)
@@ -191,20 +189,16 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--direction", type=float, help="degrees waves travel to, of a record without directions")
     p.add_argument("--spreading", type=float, help="s of cos^2s, of a record without directions")
     p.add_argument("--vessels", nargs="*", metavar="NAME", help="vehicle files or names [all shipped]; none: no trial")
-    p.add_argument("--envs", type=int, default=ENVS, help=f"of each vessel [{ENVS}]")
-    p.add_argument("--duration", type=float, default=DURATION, help=f"s [{DURATION:g}]")
-    p.add_argument("--seed", type=int, default=1, help="of the realisations [1]")
+    p.add_argument("--envs", type=ranged(int, 1, 4096), default=ENVS, help=f"of each vessel [{ENVS}]")
+    p.add_argument("--duration", type=ranged(float, 0.1, 3600.0), default=DURATION, help=f"s [{DURATION:g}]")
+    p.add_argument("--seed", type=seed, default=1, help="of the realisations [1]")
     p.add_argument("--quiet", action="store_true", help="no progress bars")
     return p
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command; return the exit status."""
-    p = parser()
-    args = p.parse_args(argv)
-    for name, low, high in (("envs", 1, 4096), ("duration", 0.1, 3600.0), ("seed", 0, 2**31 - 1)):
-        if not low <= getattr(args, name) <= high:
-            p.error(f"--{name} {getattr(args, name):g}: allowed are {low:g} to {high:g}")
+    args = parser().parse_args(argv)
     given = {"record": args.time, "site": args.site, "direction_deg": args.direction, "spreading_s": args.spreading}
     data = {"spectrum": str(args.file), "realisations": args.envs} | {k: v for k, v in given.items() if v is not None}
     try:
@@ -223,11 +217,11 @@ def main(argv: list[str] | None = None) -> int:
             print(f"{args.envs} of each vessel, {args.duration:g} s without a command:")
         for name in names:
             print(fate_line(Path(name).stem, fate(name, sea, args.envs, args.duration, args.seed, not args.quiet)))
-    except (ConfigError, SteepSeaError, MissingExtraError) as error:
-        print(f"sea_of: {error}", file=sys.stderr)
+    except (UserError, OSError) as error:
+        print(f"sea_of: {message(error)}", file=sys.stderr)
         return 2
     return 0
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(main())

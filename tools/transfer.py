@@ -37,6 +37,7 @@ from taichi_sim.config import ConfigError
 from taichi_sim.config.plugins import load_class
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.conventions import POSITION, STATE_SIZE
+from taichi_sim.options import positive_int, seed
 from taichi_sim.surroundings.around_vehicles import Surroundings
 from tools.simulators import SIMULATORS, Array, Simulator
 
@@ -83,8 +84,8 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--controller", choices=("policy", "classical"), action="append", default=None,
                    help="may be given twice (default: both; of a scenario: classical)")  # fmt: skip
-    p.add_argument("--episodes", type=shared.positive_int, default=EPISODES, help=f"default: {EPISODES}; at most 256")
-    p.add_argument("--seed", type=shared.seed, default=None, help="of the unseen worlds (default: the scenario's)")
+    p.add_argument("--episodes", type=positive_int, default=EPISODES, help=f"default: {EPISODES}; at most 256")
+    p.add_argument("--seed", type=seed, default=None, help="of the unseen worlds (default: the scenario's)")
     shared.add_common(p)
     return p
 

@@ -23,7 +23,7 @@ from pathlib import Path
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from taichi_sim.config.io import output
+from taichi_sim.options import output
 from tests.validation.boats import write_tables
 from tests.validation.document import write
 from tests.validation.report import NothingToCheckError, validate
@@ -64,4 +64,4 @@ def main(argv: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(main())

@@ -23,13 +23,11 @@ from torch import Tensor
 from rl.adapters.batched import Agents, BatchedEnv
 from rl.adapters.render import MODES, Pictures, frames_per_second
 from rl.mission import Mission
-from taichi_sim.config.base import MissingExtraError
 from taichi_sim.config.io import find_config
+from taichi_sim.errors import needs
 
-try:
+with needs("pettingzoo", "marl"):
     from pettingzoo.utils.env import ParallelEnv
-except ModuleNotFoundError as error:
-    raise MissingExtraError("pettingzoo", "marl") from error
 
 
 class ParallelMission(ParallelEnv[str, np.ndarray, np.ndarray]):

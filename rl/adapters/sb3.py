@@ -12,12 +12,10 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from rl.adapters.gymnasium import Infos, TeamVectorEnv
-from taichi_sim.config.base import MissingExtraError
+from taichi_sim.errors import needs
 
-try:
+with needs("stable-baselines3", "sb3"):
     from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices
-except ModuleNotFoundError as error:
-    raise MissingExtraError("stable-baselines3", "sb3") from error
 
 
 class TeamVecEnv(VecEnv):

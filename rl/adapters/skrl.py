@@ -7,12 +7,10 @@ from gymnasium.spaces import Space
 from torch import Tensor
 
 from rl.adapters.batched import Agents, BatchedEnv
-from taichi_sim.config.base import MissingExtraError
+from taichi_sim.errors import needs
 
-try:
+with needs("skrl", "skrl"):
     from skrl.envs.wrappers.torch import MultiAgentEnvWrapper
-except ModuleNotFoundError as error:
-    raise MissingExtraError("skrl", "skrl") from error
 
 ByAgent = dict[str, Tensor]
 Infos = dict[str, dict[str, Tensor]]

@@ -5,6 +5,8 @@ import json
 import sys
 from pathlib import Path
 
+from taichi_sim.options import output, positive_int
+
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
@@ -13,7 +15,6 @@ def parser() -> argparse.ArgumentParser:
     """The arguments."""
     from rl.commands import shared
     from rl.missions import find_mission, shipped
-    from taichi_sim.config.io import output
 
     p = argparse.ArgumentParser(
         description=__doc__,
@@ -26,9 +27,7 @@ def parser() -> argparse.ArgumentParser:
         ),
     )
     shared.add_run(p)
-    p.add_argument(
-        "--episodes", type=shared.positive_int, default=None, help="number of episodes (default: the scenario's)"
-    )
+    p.add_argument("--episodes", type=positive_int, default=None, help="number of episodes (default: the scenario's)")
     p.add_argument("--json", type=output, default=None, metavar="FILE", help="write the figures to FILE, not to stdout")
     p.add_argument(
         "--sweep",

@@ -6,6 +6,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from taichi_sim.options import output, positive_float, positive_int
+
 if TYPE_CHECKING:
     from rl.evaluation.odds.estimate import Question
     from rl.evaluation.odds.film import Line
@@ -19,7 +21,6 @@ CONTROLLERS = ("policy", "untrained", "classical")  # planners have a memory of 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
     from rl.commands import shared
-    from taichi_sim.config.io import output
 
     p = argparse.ArgumentParser(description=__doc__, epilog="docs/odds.md explains what is printed.")
     shared.add_run(p, CONTROLLERS)
@@ -27,14 +28,14 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--team", default=None, metavar="TEAM", help="team whose ending it is (default: each in turn)")
     p.add_argument(
         "--relative",
-        type=shared.positive_float,
+        type=positive_float,
         default=0.2,
         metavar="X",
         help="standard error that is wanted, over the probability (default: %(default)s)",
     )
     p.add_argument(
         "--effort",
-        type=shared.positive_int,
+        type=positive_int,
         default=512,
         metavar="N",
         help="paths at each level (default: %(default)s)",

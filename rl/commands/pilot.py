@@ -17,6 +17,8 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
+from taichi_sim.options import positive_float, seed
+
 SLOWEST = 0.01  # of real time; a slower simulation is looked at as often as this one
 
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
@@ -72,9 +74,9 @@ def parser() -> argparse.ArgumentParser:
         metavar="DEG",
         help="its direction there (default: the first vehicle's heading)",
     )
-    p.add_argument("--seed", type=shared.seed, default=None, help="seed of the course (default: the scenario's)")
+    p.add_argument("--seed", type=seed, default=None, help="seed of the course (default: the scenario's)")
     p.add_argument(
-        "--duration", type=shared.positive_float, default=None, metavar="S", help="end after this time (default: never)"
+        "--duration", type=positive_float, default=None, metavar="S", help="end after this time (default: never)"
     )
     shared.add_common(p)
     return p

@@ -7,6 +7,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from taichi_sim.options import positive_float, positive_int, refuse_unwritable
+
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
@@ -50,7 +52,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--live", action="store_true", help="show the episode in a rerun viewer while it is simulated")
     p.add_argument(
         "--web",
-        type=shared.positive_int,
+        type=positive_int,
         nargs="?",
         const=9090,
         default=None,
@@ -58,17 +60,17 @@ def parser() -> argparse.ArgumentParser:
         help="then serve the recording to browsers on this machine until Ctrl-C (default port: 9090)",
     )
     p.add_argument(
-        "--speed", type=shared.positive_float, default=1.0, help="speed of --live relative to real time (default: 1)"
+        "--speed", type=positive_float, default=1.0, help="speed of --live relative to real time (default: 1)"
     )
     p.add_argument(
         "--port",
-        type=shared.positive_int,
+        type=positive_int,
         default=9876,
         help="port of --live, and of the data of --web (default: %(default)s)",
     )
     p.add_argument(
         "--duration",
-        type=shared.positive_float,
+        type=positive_float,
         default=None,
         metavar="S",
         help="duration, s (default: the scenario's episode)",
@@ -84,7 +86,6 @@ def main(argv: list[str] | None = None) -> None:
     from rl.evaluation.store import recording_name
     from rl.runs.folder import RunError
     from rl.runs.watch import episode_view, refuse_used
-    from taichi_sim.config.io import refuse_unwritable
     from taichi_sim.visualisation.film.files import check_film, write_film
     from taichi_sim.visualisation.recording import Episode
     from taichi_sim.visualisation.recording.live import serve_web

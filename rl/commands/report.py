@@ -4,13 +4,14 @@ import argparse
 import sys
 from pathlib import Path
 
+from taichi_sim.options import output
+
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
-    from taichi_sim.config.io import output
 
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("run", type=Path, metavar="RUN", help="run folder of rl/train.py")

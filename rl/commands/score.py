@@ -5,15 +5,15 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from taichi_sim.options import output, positive_int
+
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 
 def parser() -> argparse.ArgumentParser:
     """The arguments; a task's episodes, seed and scenario are frozen, so none of them is one."""
-    from rl.commands import shared
     from rl.evaluation.benchmark import read_tasks
-    from taichi_sim.config.io import output
 
     tasks = "\n".join(f"  {name}: {', '.join(task.teams)}, {task.figure}" for name, task in read_tasks().items())
     p = argparse.ArgumentParser(
@@ -33,7 +33,7 @@ def parser() -> argparse.ArgumentParser:
         help="honest: a planner that knows what the vehicles know, in place of policies; minutes (docs/planning.md)",
     )  # fmt: skip
     p.add_argument("--json", type=output, default=None, metavar="FILE", help="write all that a check needs to FILE")
-    p.add_argument("--threads", type=shared.positive_int, default=0, help="CPU threads (default: all cores)")
+    p.add_argument("--threads", type=positive_int, default=0, help="CPU threads (default: all cores)")
     p.add_argument("--quiet", action="store_true", help="print the scores alone")
     p.set_defaults(arch="cpu")
     return p

@@ -7,6 +7,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from taichi_sim.errors import message
+from taichi_sim.options import option, output, positive_float, positive_int, seed
+
 CONTROLLERS = ("policy", "untrained", "classical", "plan", "oracle", "honest")  # see rl.learn.policy.policies_of
 
 
@@ -236,7 +239,6 @@ def add_shown(parser: argparse.ArgumentParser) -> None:
 
 def add_film(parser: argparse.ArgumentParser) -> None:
     """Add --film and its options."""
-    from taichi_sim.config.io import output
 
     film = parser.add_argument_group("film", "drawn without a display or a GPU; without --out, no recording is written")
     film.add_argument("--film", type=output, metavar="FILE", help=".mp4 (extra `film`), or animated .png, .gif, .webp")
@@ -263,12 +265,16 @@ def film_options(args: argparse.Namespace) -> dict[str, Any]:
     return FILM | given
 
 
-def picture_size(text: str) -> tuple[int, int]:
-    """An argparse type: width and height of a picture, px, as in 640x480."""
-    wide, _, high = text.lower().partition("x")
-    if not (wide.isdecimal() and high.isdecimal() and 64 <= int(wide) <= 4096 and 48 <= int(high) <= 4096):
-        raise argparse.ArgumentTypeError(f"{text}: wanted WIDTHxHEIGHT from 64x48 to 4096x4096, for example 1280x720")
+def _size(text: str) -> tuple[int, int]:
+    wide, high = text.lower().split("x")
     return int(wide), int(high)
+
+
+picture_size = option(
+    _size,
+    lambda size: 64 <= size[0] <= 4096 and 48 <= size[1] <= 4096,
+    "wanted WIDTHxHEIGHT from 64x48 to 4096x4096, for example 1280x720",
+)
 
 
 def recall(args: argparse.Namespace) -> tuple[int, int] | None:
@@ -311,50 +317,6 @@ def start(args: argparse.Namespace) -> None:
         torch.set_num_threads(threads)
 
 
-def positive_int(text: str) -> int:
-    """An argparse type: a whole number of at least 1."""
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{text}: must be at least 1")
-    return value
-
-
-def positive_float(text: str) -> float:
-    """An argparse type: a number above 0."""
-    value = float(text)
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text}: must be above 0")
-    return value
-
-
-def seed(text: str) -> int:
-    """An argparse type: a seed."""
-    value = int(text)
-    if not 0 <= value < 2**31:
-        raise argparse.ArgumentTypeError(f"{text}: a seed is from 0 to 2147483647")
-    return value
-
-
-def user_errors() -> tuple[type[Exception], ...]:
-    """Exceptions whose message alone tells a user what to do."""
-    from rl.adapters.pilot.companion import PilotError
-    from rl.learn.policy import CheckpointError
-    from rl.learn.runner import DivergedError
-    from rl.runs.folder import RunError
-    from rl.team import ControllerError
-    from taichi_sim.applications.sitl.lockstep import SilentError
-    from taichi_sim.config import ConfigError
-    from taichi_sim.config.arguments import ActionError
-    from taichi_sim.config.base import MissingExtraError
-    from taichi_sim.state.divergence import NotFiniteError
-    from taichi_sim.surroundings.sea import SteepSeaError
-    from taichi_sim.visualisation.film.files import FilmError
-    from taichi_sim.visualisation.recording.ros import BagError
-
-    of_files = ConfigError, RunError, CheckpointError, FilmError, BagError, MissingExtraError, PilotError
-    return *of_files, SilentError, ControllerError, SteepSeaError, ActionError, DivergedError, NotFiniteError
-
-
 def run(main: Callable[[list[str] | None], None], argv: list[str] | None = None) -> int:
     """Run an entry point and return its exit status.
 
@@ -366,7 +328,7 @@ def run(main: Callable[[list[str] | None], None], argv: list[str] | None = None)
     if "TORCHELASTIC_RUN_ID" in os.environ:
         from rl.runs import torchrun
 
-        return torchrun.run_worker(main, argv, mistake)
+        return torchrun.run_worker(main, argv)
     with signals.sigterm_as_interrupt():
         try:
             main(argv)
@@ -375,7 +337,7 @@ def run(main: Callable[[list[str] | None], None], argv: list[str] | None = None)
             print(f"\ninterrupted{': ' * bool(str(interrupt))}{interrupt}", file=sys.stderr)
             return signals.status(interrupt)
         except Exception as error:
-            text = mistake(error)
+            text = message(error)
             if text is None:
                 raise
             print(f"error: {text}", file=sys.stderr)
@@ -389,11 +351,3 @@ def script(main: Callable[[list[str] | None], None]) -> None:
     status = run(main)
     signals.ignore()
     sys.exit(status)
-
-
-def mistake(error: Exception) -> str | None:
-    """The message for an error of the user or of the machine; None for any other error."""
-    if isinstance(error, OSError):
-        return f"{f'{error.filename}: ' if error.filename else ''}{error.strerror or error}"
-    notes = "".join(f" ({note})" for note in getattr(error, "__notes__", ()))
-    return f"{error}{notes}" if isinstance(error, user_errors()) else None

@@ -14,13 +14,13 @@ import argparse
 import sys
 import time
 from contextlib import ExitStack, closing
-from ipaddress import ip_address
 from pathlib import Path
+
+from taichi_sim.options import address, output, positive_float, positive_int, refuse_unwritable, seed
 
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from taichi_sim.config.io import output
 
 AUTOPILOT = "--autopilot"
 PRINT_EVERY = 5.0  # s between lines of progress
@@ -42,29 +42,21 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--controller", default="classical", metavar="WHO",
                    help="drives the others: classical, zero (all 0), pretrained, a run folder [classical]")  # fmt: skip
     p.add_argument("--on-deck", action="store_true", help="copters with an autopilot begin on the decks of vessels")
-    p.add_argument("--rate", type=shared.positive_float, default=400.0, metavar="HZ",
+    p.add_argument("--rate", type=positive_float, default=400.0, metavar="HZ",
                    help="steps of the world per second; an output acts at most one step late [400]")  # fmt: skip
     p.add_argument("--address", type=address, default="127.0.0.1", help="to listen on [127.0.0.1: this machine only]")
-    p.add_argument("--timeout", type=shared.positive_float, default=0.0, metavar="S",
+    p.add_argument("--timeout", type=positive_float, default=0.0, metavar="S",
                    help="end when an autopilot has been silent for so long [never: the world waits]")  # fmt: skip
-    p.add_argument("--seed", type=shared.seed, help="of the held-out episode [the scenario's]")
+    p.add_argument("--seed", type=seed, help="of the held-out episode [the scenario's]")
     p.add_argument("--log", type=output, metavar="FILE.csv",
                    help="a CSV of all frames of each autopilot, with its vehicle in the name")  # fmt: skip
     p.add_argument("--record", metavar="PLACE", help="a recording: FILE.rrd, FILE.mcap or FOLDER/, as of `play`")
     p.add_argument("--live", action="store_true", help="show it in a rerun viewer as it moves")
-    p.add_argument("--live-port", type=shared.positive_int, default=9876, metavar="PORT", help="of the view [9876]")
-    p.add_argument("--duration", type=shared.positive_float, metavar="S",
+    p.add_argument("--live-port", type=positive_int, default=9876, metavar="PORT", help="of the view [9876]")
+    p.add_argument("--duration", type=positive_float, metavar="S",
                    help="end after this much simulated time [never]")  # fmt: skip
     shared.add_common(p)
     return p
-
-
-def address(text: str) -> str:
-    """An argparse type: an IP address."""
-    try:
-        return str(ip_address(text))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text}: not an IP address") from None
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -86,7 +78,7 @@ def serve(args: argparse.Namespace) -> None:
     from taichi_sim.applications.commands.sitl import logger
     from taichi_sim.applications.sitl.lockstep import LockstepWorld, Station
     from taichi_sim.config import ConfigError
-    from taichi_sim.config.io import find_config, refuse_unwritable
+    from taichi_sim.config.io import find_config
     from taichi_sim.kernels import runtime
     from taichi_sim.visualisation.recording.live import Live
 

@@ -7,6 +7,8 @@ import argparse
 import sys
 from pathlib import Path
 
+from taichi_sim.options import output, positive_int, refuse_unwritable, seed
+
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
@@ -14,18 +16,15 @@ if __package__ in (None, ""):  # run as a script: the packages are beside this f
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
     from rl.commands import shared
-    from taichi_sim.config.io import output
 
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("config", metavar="SCENARIO", help="a file, or the name of a shipped scenario")
     p.add_argument("--team", required=True, help="team whose controller is tuned")
     p.add_argument("--only", default="", metavar="NAME,...", help="numbers to search for (default: all)")
-    p.add_argument("--rounds", type=shared.positive_int, default=12, help="rounds of the search (default: 12)")
-    p.add_argument("--candidates", type=shared.positive_int, default=12, help="candidates in each round (default: 12)")
-    p.add_argument(
-        "--episodes", type=shared.positive_int, default=128, help="episodes of each candidate (default: 128)"
-    )
-    p.add_argument("--seed", type=shared.seed, default=0, help="seed of worlds, episodes and candidates (default: 0)")
+    p.add_argument("--rounds", type=positive_int, default=12, help="rounds of the search (default: 12)")
+    p.add_argument("--candidates", type=positive_int, default=12, help="candidates in each round (default: 12)")
+    p.add_argument("--episodes", type=positive_int, default=128, help="episodes of each candidate (default: 128)")
+    p.add_argument("--seed", type=seed, default=0, help="seed of worlds, episodes and candidates (default: 0)")
     written = p.add_mutually_exclusive_group()
     written.add_argument("--write", action="store_true", help="write the numbers into the scenario's file")
     written.add_argument("--out", type=output, metavar="FILE", help="a new file: the scenario, overridden and tuned")
@@ -43,7 +42,7 @@ def main(argv: list[str] | None = None) -> None:
     from rl.missions import load_scenario
     from rl.runs.tune import summary, tune, write_numbers, write_scenario
     from taichi_sim.config import ConfigError
-    from taichi_sim.config.io import find_config, refuse_unwritable
+    from taichi_sim.config.io import find_config
 
     source = find_config(args.config)
     config = load_scenario(source, args.overrides)

@@ -17,6 +17,7 @@ from rl.mission import ControllerError, Policy, Team, VehicleActions
 from rl.planning.planner import HonestPlanner, Planner
 from rl.scenario import Scenario, StageConfig
 from taichi_sim.config.io import replacing
+from taichi_sim.errors import UserError
 
 UNREADABLE = (RuntimeError, EOFError, OSError, ValueError, LookupError, AttributeError, TypeError,
               pickle.UnpicklingError, zipfile.BadZipFile, zlib.error)  # fmt: skip
@@ -25,7 +26,7 @@ UNTRAINED = "model_0.pt"  # the weights with which a team's training begins
 OBS_GROUPS = {"actor": ["policy"], "critic": ["policy"]}
 
 
-class CheckpointError(RuntimeError):
+class CheckpointError(UserError, RuntimeError):
     """A checkpoint that cannot be used: cut short, of another shape, or another kind of file."""
 
 

@@ -24,6 +24,7 @@ from rl.learn.ppo import LeanPPO
 from rl.learn.progress import COLUMNS, HISTORY, ProgressLogger, spent, trim_history, writer_config
 from rl.runs import ranks, signals
 from rl.scenario import StageConfig
+from taichi_sim.errors import UserError
 
 
 def ppo_config(stage: StageConfig, privileged: bool = False) -> dict[str, object]:
@@ -61,7 +62,7 @@ DIVERGED = (
 )
 
 
-class DivergedError(RuntimeError):
+class DivergedError(UserError, RuntimeError):
     """Training has produced values that are not finite."""
 
 

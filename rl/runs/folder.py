@@ -35,6 +35,7 @@ from taichi_sim.config import ConfigError
 from taichi_sim.config.files import files_of, named_files, with_files
 from taichi_sim.config.io import find_config, read_toml, replacing, toml_text, vehicle_file, write_toml
 from taichi_sim.config.plugins import PluginError, imported_from, is_plugin, plugin_source
+from taichi_sim.errors import UserError
 from taichi_sim.models.catalogue import vehicle_files
 
 CONFIG, META, SUMMARY, DUMPS = "config.toml", "meta.json", "summary.json", "dumps"
@@ -49,7 +50,7 @@ Figures = dict[str, float | None]
 """Figure -> its value; None where nothing was measured."""
 
 
-class RunError(RuntimeError):
+class RunError(UserError, RuntimeError):
     """A run folder that cannot be used; the message says what to do."""
 
 

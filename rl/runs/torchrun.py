@@ -22,6 +22,7 @@ from typing import NamedTuple
 from rl.runs import ranks, signals
 from rl.runs.folder import RunError
 from taichi_sim.config.machine import own_cores
+from taichi_sim.errors import message
 
 RESTARTS = 20  # most restarts after lost processes
 MAX_PER_CORE = 8  # processes
@@ -137,15 +138,12 @@ def _cause(failures: list[Failure]) -> Failure:
     return min(failures, key=lambda of: (order.index(of.kind), not of.text.startswith("was killed"), of.time))
 
 
-def run_worker(
-    main: Callable[[list[str] | None], None], argv: list[str] | None, mistake: Callable[[Exception], str | None]
-) -> int:
+def run_worker(main: Callable[[list[str] | None], None], argv: list[str] | None) -> int:
     """Run an entry point as a process of torchrun; write the reason if it fails, return its exit status.
 
     Args:
         main: the entry point.
         argv: its arguments.
-        mistake: returns the message for an error of the user, None for any other error.
     """
     _end_with_launcher()
     silent = LAUNCHED in os.environ  # the launcher prints the message
@@ -156,9 +154,9 @@ def run_worker(
         except KeyboardInterrupt as interrupt:
             text, kind, status = str(interrupt), MINE, signals.status(interrupt)
         except Exception as error:
-            message, status = mistake(error), 1
-            kind = MINE if message is not None else LOST if lost_another(error) else UNEXPECTED
-            text = message or ("lost the others" if kind == LOST else f"{type(error).__name__}: {error}")
+            told, status = message(error), 1
+            kind = MINE if told is not None else LOST if lost_another(error) else UNEXPECTED
+            text = told or ("lost the others" if kind == LOST else f"{type(error).__name__}: {error}")
             if kind == UNEXPECTED:
                 traceback.print_exc()
     _write_error(text, kind)

@@ -15,6 +15,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
+from taichi_sim.errors import UserError
 from taichi_sim.kernels import runtime
 
 Envs: TypeAlias = ArrayLike | Tensor
@@ -24,7 +25,7 @@ Envs: TypeAlias = ArrayLike | Tensor
 MASK = "if a mask is meant, convert it by mask.bool() (of an array: mask.astype(bool))"
 
 
-class ActionError(ValueError):
+class ActionError(UserError, ValueError):
     """An action that is not finite, or cannot be one."""
 
 

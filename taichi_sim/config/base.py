@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from torch import Tensor
 
+from taichi_sim.errors import UserError
+
 SMALLEST, LARGEST = 1e-30, 1e15
 """Limits of positive numbers, and of all numbers either way: kernels' single precision holds their squares, times 1e8.
 The inertia of the largest ships is 1e13 kg m^2, the moment of a small rotor 1e-9 N m s^2."""
@@ -41,7 +43,7 @@ Span = Annotated[tuple[NonNegative, NonNegative], Ordered]
 """The least and the greatest value of a draw."""
 
 
-class ConfigError(ValueError):
+class ConfigError(UserError, ValueError):
     """A mistake in a configuration: the message names file, key, value and what is allowed."""
 
 
@@ -49,14 +51,6 @@ class Strict(BaseModel):
     """Base of every section: unknown keys and values of another type are errors; a section is frozen."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
-
-
-class MissingExtraError(ImportError):
-    """An optional package is not installed; the message says how to install it."""
-
-    def __init__(self, package: str, extra: str):
-        """Name the missing `package` and the extra that installs it."""
-        super().__init__(f'{package} is not installed: pip install "taichi-sim[{extra}]"', name=package)
 
 
 def span(values: ArrayLike | Tensor, unit: str) -> str:

@@ -1,12 +1,9 @@
 """Reading, overriding, and writing configurations, with errors that name file, key, value and what is allowed."""
 
-import argparse
 import contextlib
-import errno
 import math
 import os
 import sys
-import tempfile
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -24,7 +21,6 @@ from taichi_sim.config.world import TeamConfig, WorldConfig
 
 Model = TypeVar("Model", bound=Strict)
 DEEPEST = 20  # levels of tables in a file; ours have 5
-ROOM = 1 << 20  # bytes that a disk must take for an output to begin; assumed
 MEASURED = "sea.record"  # stands for a measured spectrum among the alternatives that define a sea
 
 
@@ -138,33 +134,6 @@ def read_toml(file: Path) -> dict[str, Any]:
     if level:
         raise ConfigError(f"{file}: tables inside tables go deeper than {DEEPEST}")
     return content
-
-
-def refuse_unwritable(place: Path) -> None:
-    """Refuse now what could not be written after hours of work, as a file or a folder `place`, new or not.
-
-    Raises:
-        OSError: if its folder cannot be written, or the disk is full.
-    """
-    parents = place.absolute().parents
-    folder = place if place.is_dir() else next(parent for parent in parents if parent.exists())
-    try:
-        with tempfile.TemporaryFile(dir=folder) as file:
-            file.write(bytes(ROOM))
-    except OSError as error:
-        raise OSError(error.errno, f"cannot be written: {error.strerror}", str(place)) from None
-
-
-def output(text: str) -> Path:
-    """An argparse type: a file to write, refused at once if it could not be written."""
-    file = Path(text)
-    try:
-        if file.is_dir():
-            raise IsADirectoryError(errno.EISDIR, "a folder of that name exists", text)
-        refuse_unwritable(file)
-    except OSError as error:
-        raise argparse.ArgumentTypeError(f"{text}: {error.strerror}") from None
-    return file
 
 
 @contextlib.contextmanager

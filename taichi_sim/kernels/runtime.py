@@ -37,6 +37,7 @@ from taichi.lang.kernel_impl import Kernel
 from taichi.types.annotations import template
 
 from taichi_sim.config.machine import own_cores
+from taichi_sim.errors import UserError
 
 Precision = Literal["f32", "f64"]
 array1, array2, array3, array4, array5 = cast(Any, [ti.types.ndarray(ndim=n) for n in range(1, 6)])
@@ -64,7 +65,7 @@ FOREIGN = (
 )
 
 
-class ProgramError(RuntimeError):
+class ProgramError(UserError, RuntimeError):
     """Objects are used in a Taichi program that is not theirs, or Taichi in a process in which it cannot run."""
 
 

@@ -11,6 +11,7 @@ import warnings
 import torch
 from torch import Tensor
 
+from taichi_sim.errors import UserError
 from taichi_sim.state.memory import Remembers
 from taichi_sim.state.snapshot import Entry, Stateful, checked, restored, walk
 from taichi_sim.world import World
@@ -19,7 +20,7 @@ MANY, PARTS = 128, 16
 HUGE = 1e15  # beyond it a number is as good as not finite: its square would overflow soon; assumed
 
 
-class NotFiniteError(FloatingPointError):
+class NotFiniteError(UserError, FloatingPointError):
     """A mission computes numbers that are not finite, though all that it remembers is."""
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from taichi_sim.config import WorldConfig
+from taichi_sim.config import ConfigError, WorldConfig
 from taichi_sim.config.io import validate
 
 MAX_DUMPS = 20  # largest number in one folder: a repeated fault needs no more
@@ -58,11 +58,11 @@ def load_dump(path: Path) -> Dump:
     """Read a dump.
 
     Raises:
-        ValueError: if the file is not a dump.
+        ConfigError: if the file is not a dump.
     """
     try:
         data = torch.load(path, weights_only=True)
         config = validate(WorldConfig, data.pop("config"), str(path))
         return Dump(config=config, **data)
     except Exception as error:  # the unpickler raises errors of many kinds
-        raise ValueError(f"{path}: not a dump of an environment: {error}") from None
+        raise ConfigError(f"{path}: not a dump of an environment: {error}") from None

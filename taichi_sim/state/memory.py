@@ -18,10 +18,12 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 from torch import Tensor
 
+from taichi_sim.errors import UserError
+
 T = TypeVar("T")
 
 
-class StateError(ValueError):
+class StateError(UserError, ValueError):
     """A state cannot be taken, written or copied, or is not declared."""
 
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from rl.commands.shared import user_errors
 from rl.missions import load_scenario, make_mission
 from rl.scenario import Scenario
 from taichi_sim.applications.commands.trials import changes_of
 from taichi_sim.config import ConfigError
+from taichi_sim.errors import UserError
 from taichi_sim.models.catalogue import load_vehicle, shipped_vehicles
 from tests.fuzz.limits import within
 from tests.fuzz.overrides import keys_of, overrides, scenario_keys
@@ -62,7 +62,7 @@ def test_overrides_of_a_scenario_are_taken_or_refused_by_name(name):
                 config = load_scenario(name, given, small)
                 if outputs := within(COMPILED, lambda config=config: not_finite(config)):
                     wrong.append(f"{number}: {given}: not finite: {', '.join(outputs)}")
-        except user_errors() as error:
+        except UserError as error:
             assert str(error).strip()
         except Exception as error:
             wrong.append(f"{number}: {given}: {type(error).__name__}: {error}")

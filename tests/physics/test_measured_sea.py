@@ -8,7 +8,7 @@ import pytest
 from physics.conftest import REFERENCE
 
 from taichi_sim.config import ConfigError, SeaConfig
-from taichi_sim.config.base import MissingExtraError
+from taichi_sim.errors import MissingExtraError
 from taichi_sim.surroundings.sea import Sea, sea_size
 from taichi_sim.surroundings.sea.measured import (
     MeasuredSystem,

@@ -17,7 +17,7 @@ from rl.adapters.batched import BatchedEnv
 from rl.adapters.gymnasium import TeamVectorEnv
 from rl.adapters.pettingzoo import parallel_env
 from taichi_sim.config import ConfigError
-from taichi_sim.config.base import MissingExtraError
+from taichi_sim.errors import MissingExtraError
 
 LONG = (*SMALL, "episode_duration=100", "usv.lost_distance=10000")  # m: no slot is that far
 

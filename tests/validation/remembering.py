@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from taichi_sim.config.base import MissingExtraError
 from taichi_sim.config.io import config_folder, read_toml, validate
+from taichi_sim.errors import MissingExtraError
 from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.models.catalogue import load_vehicle
 from taichi_sim.models.usv.hull.database import SUFFIX, HydroDatabase

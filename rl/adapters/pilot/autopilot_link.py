@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 from rl.adapters.pilot.clock import Pace
-from taichi_sim.config.base import MissingExtraError
+from taichi_sim.errors import needs
 
 AUTOPILOT = 1  # MAV_COMP_ID_AUTOPILOT1
 STATION, COMPANION = (255, 190), (0, 191)  # system and component of a ground station; of a companion, 0: the vehicle's
@@ -36,10 +36,8 @@ def dialect() -> Any:
     Raises:
         MissingExtraError: if pymavlink is not installed.
     """
-    try:
+    with needs("pymavlink", "ardupilot"):
         from pymavlink.dialects.v20 import ardupilotmega
-    except ImportError:
-        raise MissingExtraError("pymavlink", "ardupilot") from None
     return ardupilotmega
 
 

@@ -31,6 +31,7 @@ from rl.adapters.pilot.laid_course import Chart
 from rl.adapters.pilot.set_points import BOAT, Orders
 from rl.mission import Mission, Policy
 from taichi_sim.config.arguments import ActionError
+from taichi_sim.errors import UserError
 from taichi_sim.kernels.conventions import QUATERNION, VELOCITY
 from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.visualisation.recording.east_north_up import Origin, from_geodetic
@@ -54,7 +55,7 @@ REHEARSAL = 3  # decisions
 RESULTS = {1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 6: "cancelled"}  # MAV_RESULT
 
 
-class PilotError(RuntimeError):
+class PilotError(UserError, RuntimeError):
     """A companion that has ended because something was wrong; the message says what."""
 
 

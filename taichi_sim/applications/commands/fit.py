@@ -43,13 +43,14 @@ from taichi_sim.applications.fit.sample_selection import SENSORS
 from taichi_sim.applications.fit.synthetic_logs import write_logs
 from taichi_sim.applications.fit.windows import SECONDS, window_seconds
 from taichi_sim.config import ConfigError, TeamConfig
-from taichi_sim.config.base import MissingExtraError
 from taichi_sim.config.io import vehicle_file
+from taichi_sim.errors import UserError, message
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rigid_body import changed_mass
 from taichi_sim.models.catalogue import load_vehicle, vehicle_files
 from taichi_sim.models.usv.manoeuvring_3dof import Manoeuvring3dof
 from taichi_sim.models.usv.vessel_base import Vessel
+from taichi_sim.options import ranged, seed
 from taichi_sim.vehicle import Vehicle, value_at
 
 PRIOR = 0.4  # prior standard deviation of a number's logarithm; assumed
@@ -337,9 +338,9 @@ def parser() -> argparse.ArgumentParser:
                    help=f"how well it is known beforehand [{PRIOR:g}; mass {PRIORS['mass']:g}]")  # fmt: skip
     p.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE",
                    help="override KEY or SECTION.KEY of the vehicle file; several times")  # fmt: skip
-    p.add_argument("--window", type=float, metavar="S",
+    p.add_argument("--window", type=ranged(float, 1.0, 600.0), metavar="S",
                    help=f"length of a simulated window [{SECONDS:g}, longer where a sensor is slow]")  # fmt: skip
-    p.add_argument("--starts", type=int, default=STARTS, metavar="N",
+    p.add_argument("--starts", type=ranged(int, 1, 64), default=STARTS, metavar="N",
                    help=f"searches, all but one from draws of the priors [{STARTS}]")  # fmt: skip
     p.add_argument("--test", action="append", type=Path, default=[], metavar="LOG",
                    help="a log that is not fitted, but simulated with the fitted numbers; may be repeated")  # fmt: skip
@@ -354,8 +355,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--factor", action="append", default=[], metavar="KEY=X", help="factor of a number in synthetic logs"
     )
-    p.add_argument("--count", type=int, default=10, help="number of synthetic logs [10]")
-    p.add_argument("--seed", type=int, default=0, help="seed of synthetic logs [0]")
+    p.add_argument("--count", type=ranged(int, 1, 1000), default=10, help="number of synthetic logs [10]")
+    p.add_argument("--seed", type=seed, default=0, help="seed of synthetic logs [0]")
     return p
 
 
@@ -415,17 +416,12 @@ def run(args: argparse.Namespace) -> None:
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command; return the exit status."""
-    p = parser()
-    args = p.parse_intermixed_args(argv)  # options may stand between VEHICLE and the logs
-    for name, low, high in (("window", 1.0, 600.0), ("count", 1, 1000), ("seed", 0, 2**31 - 1), ("starts", 1, 64)):
-        value = getattr(args, name)
-        if value is not None and not low <= value <= high:
-            p.error(f"--{name} {value:g}: allowed are {low:g} to {high:g}")
+    args = parser().parse_intermixed_args(argv)  # options may stand between VEHICLE and the logs
     runtime.init(precision="f64", threads=1)
     try:
         run(args)
-    except (ConfigError, MissingExtraError, ValueError, OSError) as error:
-        print(f"fit: {error}", file=sys.stderr)
+    except (UserError, OSError) as error:
+        print(f"fit: {message(error)}", file=sys.stderr)
         return 2
     return 0
 

@@ -38,11 +38,11 @@ from taichi_sim.applications.sitl.channels import PWM, changes_for, read_channel
 from taichi_sim.applications.sitl.craft import Craft, Servos
 from taichi_sim.applications.sitl.driven import Sensors
 from taichi_sim.config import AirConfig, ConfigError
-from taichi_sim.config.base import MissingExtraError
-from taichi_sim.config.io import output, validate
+from taichi_sim.config.io import validate
+from taichi_sim.errors import UserError, message
 from taichi_sim.kernels import runtime
 from taichi_sim.models.catalogue import load_vehicle
-from taichi_sim.surroundings.sea import SteepSeaError
+from taichi_sim.options import address, output, port, ranged, seed
 
 if TYPE_CHECKING:
     from taichi_sim.applications.sitl.px4 import Px4Session
@@ -241,10 +241,16 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("vehicle", metavar="VEHICLE", help="vehicle file, or the name of a shipped one")
     p.add_argument("--protocol", choices=tuple(PORTS), default="ardupilot",
                    help="ardupilot: its JSON interface; px4: its HIL by MAVLink [ardupilot]")  # fmt: skip
-    p.add_argument("--port", type=int, help="UDP port of ArduPilot [9002], TCP port of PX4 [4560]")
-    p.add_argument("--address", default="127.0.0.1", help="address to listen on [127.0.0.1: this machine only]")
+    p.add_argument("--port", type=port, help="UDP port of ArduPilot [9002], TCP port of PX4 [4560]")
     p.add_argument(
-        "--instances", type=int, default=1, metavar="N", help="number of vehicles, on ports 10 apart, or 1 with PX4 [1]"
+        "--address", type=address, default="127.0.0.1", help="address to listen on [127.0.0.1: this machine only]"
+    )
+    p.add_argument(
+        "--instances",
+        type=ranged(int, 1, 64),
+        default=1,
+        metavar="N",
+        help="number of vehicles, on ports 10 apart, or 1 with PX4 [1]",
     )
     p.add_argument("--channels", default="", metavar="NAME=N,...", help="servo channels; -N reverses one")
     p.add_argument(
@@ -263,16 +269,20 @@ def parser() -> argparse.ArgumentParser:
                    help="more keys of [air] in TOML, for example 'turbulence=\"dryden\"'")  # fmt: skip
     p.add_argument("--current", type=float, nargs=2, metavar=("SPEED", "TO"), help="m/s, deg [none]")
     p.add_argument("--heading", type=float, default=0.0, metavar="DEG", help="initial heading [0]")
-    p.add_argument("--seed", type=int, default=1, help="seed of the sea [1]")
+    p.add_argument("--seed", type=seed, default=1, help="seed of the sea [1]")
     p.add_argument("--log", type=output, metavar="FILE", help="a CSV of all frames: motion in SI, and servo outputs")
     p.add_argument("--record", type=output, metavar="FILE.rrd",
                    help="for rerun, 10 frames a second; written at the end and at restarts")  # fmt: skip
     p.add_argument("--live", action="store_true", help="show it (the first instance) in a rerun viewer as it moves")
     p.add_argument(
-        "--live-port", type=int, default=9876, metavar="PORT", help="port of the view, on this machine [9876]"
+        "--live-port", type=port, default=9876, metavar="PORT", help="port of the view, on this machine [9876]"
     )
     p.add_argument(
-        "--duration", type=float, default=0.0, metavar="S", help="end after this much simulated time [never]"
+        "--duration",
+        type=ranged(float, 0.0, 1e6),
+        default=0.0,
+        metavar="S",
+        help="end after this much simulated time [never]",
     )
     p.add_argument("--quiet", action="store_true", help="print no progress")
     return p
@@ -282,33 +292,19 @@ def main(argv: list[str] | None = None) -> int:
     """Run the command; return the exit status."""
     p = parser()
     args = p.parse_args(argv)
-    for name, low, high in (
-        ("port", 1, 65535),
-        ("live_port", 1, 65535),
-        ("instances", 1, 64),
-        ("seed", 0, 2**31 - 1),
-        ("duration", 0, 1e6),
-    ):
-        value = getattr(args, name)
-        if value is not None and not low <= value <= high:
-            p.error(f"--{name.replace('_', '-')} {value:g}: allowed are {low:g} to {high:g}")
     if port_of(args, args.instances - 1) > 65535:
         p.error(f"--instances {args.instances}: their ports from {port_of(args, 0)} on go beyond 65535")
     if not args.pwm[0] < args.pwm[1]:
         p.error(f"--pwm {args.pwm[0]:g} {args.pwm[1]:g}: the first must be less")
     if args.record is not None and args.record.suffix != ".rrd":
         p.error(f"--record {args.record}: the file must end in .rrd")
-    try:
-        ip_address(args.address)
-    except ValueError:
-        p.error(f"--address {args.address}: not an IP address")
     runtime.init(threads=1)
     try:
         serve(args)
     except KeyboardInterrupt:
         return 0
-    except (ConfigError, MissingExtraError, SteepSeaError, OSError) as error:
-        print(f"sitl: {error}", file=sys.stderr)
+    except (UserError, OSError) as error:
+        print(f"sitl: {message(error)}", file=sys.stderr)
         return 2
     return 0
 

@@ -19,10 +19,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from taichi_sim.applications.trials.step import INTERVAL, ONE_PERCENT, StepError, StepSetting, errors, step_for
-from taichi_sim.config import ConfigError
-from taichi_sim.config.io import refuse_unwritable
+from taichi_sim.errors import UserError, message
 from taichi_sim.kernels import runtime
 from taichi_sim.models.catalogue import load_vehicle
+from taichi_sim.options import picture, ranged, refuse_unwritable
 
 STEPS = tuple(INTERVAL / n for n in (20, 10, 8, 5, 4, 3, 2))  # s
 FINE = 0.0025  # s, counts as exact
@@ -59,11 +59,9 @@ def main(argv: list[str] | None = None) -> int:
         prog="taichi-sim step", description=summary, epilog=rest, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     p.add_argument("vehicle", metavar="VEHICLE", help="vehicle file, or the name of a shipped one")
-    p.add_argument("--seconds", type=float, default=20.0, metavar="S", help="simulated time [20]")
-    p.add_argument("--out", type=Path, metavar="FILE", help="picture [step-VEHICLE.png]")
+    p.add_argument("--seconds", type=ranged(float, 1.0, 1000.0), default=20.0, metavar="S", help="simulated time [20]")
+    p.add_argument("--out", type=picture, metavar="FILE", help="picture [step-VEHICLE.png]")
     args = p.parse_args(argv)
-    if not 1.0 <= args.seconds <= 1000.0:
-        p.error(f"--seconds {args.seconds:g}: allowed are 1 to 1000")
     name = Path(args.vehicle).stem
     file = args.out or Path(f"step-{name}.png")
     runtime.init(precision="f64", threads=1)
@@ -73,8 +71,8 @@ def main(argv: list[str] | None = None) -> int:
         largest = load_vehicle(args.vehicle, SHORT).longest_step
         print("\n".join(lines(name, found, largest)))
         draw(name, found, file)
-    except (ConfigError, ValueError, OSError) as error:
-        print(f"step: {error}", file=sys.stderr)
+    except (UserError, OSError) as error:
+        print(f"step: {message(error)}", file=sys.stderr)
         return 2
     print(file)
     return 0

@@ -32,13 +32,14 @@ from taichi_sim.applications.trials.basin import Setting
 from taichi_sim.applications.trials.results import Outcome, TrialError, TrialsReport, criteria, doubts
 from taichi_sim.config import AirConfig, ConfigError, SeaConfig, Strict
 from taichi_sim.config.base import Table
-from taichi_sim.config.io import refuse_unwritable, validate
+from taichi_sim.config.io import validate
+from taichi_sim.errors import UserError, message
 from taichi_sim.kernels import runtime
 from taichi_sim.models.catalogue import Changes, load_vehicle
 from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.models.uav.multirotor.params import MultirotorParams
 from taichi_sim.models.usv.vessel_base import Vessel
-from taichi_sim.surroundings.sea import SteepSeaError
+from taichi_sim.options import ranged, refuse_unwritable, seed
 from taichi_sim.vehicle import Vehicle
 
 ARGUMENTS = ("file", "dt", "substeps", "source")  # of load_vehicle, which the commands give
@@ -246,13 +247,32 @@ def parser() -> argparse.ArgumentParser:
                    help="override KEY or SECTION.KEY of the vehicle file; several times")  # fmt: skip
     p.add_argument("--quiet", action="store_true", help="print no progress")
     v = p.add_argument_group("vessels")
-    v.add_argument("--ahead", type=float, default=1.0, metavar="SHARE", help="share of full thrust or revolutions [1]")
-    v.add_argument("--helm", type=float, default=1.0, metavar="SHARE", help="share of full helm in turning circles [1]")
     v.add_argument(
-        "--speed", type=float, metavar="V", help="speed of the approach, held as by a carriage, m/s [its own]"
+        "--ahead",
+        type=ranged(float, 0.01, 1.0),
+        default=1.0,
+        metavar="SHARE",
+        help="share of full thrust or revolutions [1]",
     )
     v.add_argument(
-        "--scale", type=float, default=1.0, metavar="N", help="scale 1 : N of the model, for IMO's limits [1]"
+        "--helm",
+        type=ranged(float, 0.01, 1.0),
+        default=1.0,
+        metavar="SHARE",
+        help="share of full helm in turning circles [1]",
+    )
+    v.add_argument(
+        "--speed",
+        type=ranged(float, 0.01, 50.0),
+        metavar="V",
+        help="speed of the approach, held as by a carriage, m/s [its own]",
+    )
+    v.add_argument(
+        "--scale",
+        type=ranged(float, 1.0, 1000.0),
+        default=1.0,
+        metavar="N",
+        help="scale 1 : N of the model, for IMO's limits [1]",
     )
     v.add_argument(
         "--sea", metavar="KEY=VALUE,...", help="keys of [sea], for example hs=0.5,tp=4,direction_deg=90 [calm]"
@@ -267,21 +287,19 @@ def parser() -> argparse.ArgumentParser:
         help="heading of the approach, for wind, waves and current [0]",
     )
     v.add_argument("--runs", type=int, default=1, metavar="N", help="realisations of the sea, side by side [1]")
-    v.add_argument("--seed", type=int, default=1, help="seed of the realisations [1]")
-    v.add_argument("--dt", type=float, metavar="S", help="physics step [0.014 s times the root of the length in m]")
+    v.add_argument("--seed", type=seed, default=1, help="seed of the realisations [1]")
+    v.add_argument(
+        "--dt",
+        type=ranged(float, 1e-4, 10.0),
+        metavar="S",
+        help="physics step [0.014 s times the root of the length in m]",
+    )
     return p
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command; return the exit status."""
-    p = parser()
-    args = p.parse_args(argv)
-    limits = {"ahead": (0.01, 1), "helm": (0.01, 1), "scale": (1, 1000), "runs": (1, 4096), "speed": (0.01, 50),
-              "dt": (1e-4, 10), "seed": (0, 2**31 - 1)}  # fmt: skip
-    for name, (low, high) in limits.items():
-        value = getattr(args, name)
-        if value is not None and not low <= value <= high:
-            p.error(f"--{name} {value:g}: allowed are {low:g} to {high:g}")
+    args = parser().parse_args(argv)
     runtime.init(precision="f64", threads=1)
     shown = (lambda _: None) if args.quiet else (lambda words: print(words, file=sys.stderr, flush=True))
     try:
@@ -289,8 +307,8 @@ def main(argv: list[str] | None = None) -> int:
         refuse_unwritable(folder)
         report = run(args, shown)
         write(report, folder)
-    except (ConfigError, SteepSeaError, ValueError, OSError) as error:
-        print(f"trials: {error}", file=sys.stderr)
+    except (UserError, OSError) as error:
+        print(f"trials: {message(error)}", file=sys.stderr)
         return 2
     print("\n".join(lines(report)))
     print(f"\n{folder / 'report.html'}")

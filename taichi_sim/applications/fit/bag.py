@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichi_sim.applications.fit.log_table import CHANNELS, Array, LogError, Source, Table, held_means
-from taichi_sim.config.base import MissingExtraError
+from taichi_sim.errors import needs
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -49,11 +49,9 @@ def read_bag(path: Path, action_names: tuple[str, ...], source: Source) -> Table
         LogError: for what is no bag, or lacks a topic.
         MissingExtraError: without `rosbags`.
     """
-    try:
+    with needs("rosbags", "ros"):
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise MissingExtraError("rosbags", "ros") from None
     if path.suffix == ".db3":
         raise LogError(f"{path}: name the folder of this bag, with its metadata.yaml")
     try:

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from taichi_sim.applications.fit.log_table import CLOCK, GAP, Array, LogError, Source, Table, drawn_means, held
 from taichi_sim.applications.sitl.channels import FUNCTIONS, default_channels, read_channels
-from taichi_sim.config.base import MissingExtraError
+from taichi_sim.errors import needs
 from taichi_sim.vehicle import Vehicle
 
 INTERVAL = 0.1  # s; assumed, enough for a vessel
@@ -47,10 +47,8 @@ def read_dataflash(file: Path, model: Vehicle, source: Source) -> Table:
         LogError: for what is no such log, or lacks messages.
         MissingExtraError: without `pymavlink`.
     """
-    try:
+    with needs("pymavlink", "ardupilot"):
         from pymavlink.DFReader import DFReader_binary
-    except ImportError:
-        raise MissingExtraError("pymavlink", "ardupilot") from None
     found: dict[str, list[Any]] = {name: [] for name in ("XKF1", "XKF4", "IMU", "RCOU", "PARM")}
     if file.read_bytes()[:3] != b"\xa3\x95\x80":
         raise LogError(f"{file}: this is no dataflash log of ArduPilot: it begins with no FMT record")

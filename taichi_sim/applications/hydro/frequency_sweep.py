@@ -26,7 +26,7 @@ from taichi_sim.applications.hydro.potential_flow import (
     solve,
 )
 from taichi_sim.applications.hydro.wetted_surface import TURN_HORIZONTAL, turned_load, turned_matrix
-from taichi_sim.config.base import MissingExtraError
+from taichi_sim.errors import needs
 from taichi_sim.models.usv.hull.database import HydroDatabase
 
 CONTEXT = get_context("spawn")
@@ -91,10 +91,8 @@ def require_capytaine() -> str:
     Raises:
         MissingExtraError: if it is not installed.
     """
-    try:
+    with needs("capytaine", "bem"):
         import capytaine
-    except ImportError as error:
-        raise MissingExtraError("capytaine", "bem") from error
     return f"capytaine {capytaine.__version__}"
 
 

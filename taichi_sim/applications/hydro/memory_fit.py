@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from taichi_sim.applications.hydro.frequency_sweep import CONTEXT, workers
+from taichi_sim.errors import UserError
 from taichi_sim.models.usv.hull.radiation_memory import Memory
 
 Array = NDArray[np.float64]
@@ -55,7 +56,7 @@ WAIT_S = 0.2  # longest wait for a report of progress
 NEGATIVE = 0.02  # tolerated negative damping over the largest eigenvalue of B, as a numerical error
 
 
-class FitError(ValueError):
+class FitError(UserError, ValueError):
     """No passive memory reproduces the added mass and damping."""
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.config import ConfigError
-from taichi_sim.config.base import MissingExtraError
+from taichi_sim.errors import needs
 
 Array = NDArray[np.float64]
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254, "ft": 0.3048}
@@ -75,10 +75,8 @@ def read(path: Path, unit: str = "m") -> Polygons:
 
 def _of_code(path: Path, unit: str) -> Polygons:
     """Panels of another boundary-element code, read by capytaine."""
-    try:
+    with needs("capytaine", "bem"):
         from capytaine import ReflectionSymmetricMesh, load_mesh
-    except ImportError as error:
-        raise MissingExtraError("capytaine", "bem") from error
     logging.getLogger("capytaine").setLevel(logging.ERROR)  # panels that are not flat are usual
     planes = []
     with open(path, encoding="utf-8", errors="replace") as file:
@@ -208,10 +206,8 @@ def _fan(corners: Array) -> Array:
 
 def _meshio(path: Path) -> Array:
     """Panels [n, 4, 3] of another format."""
-    try:
+    with needs("meshio", "bem"):
         import meshio
-    except ImportError as error:
-        raise MissingExtraError("meshio", "bem") from error
     try:
         mesh = meshio.read(path)
     except (Exception, SystemExit) as error:  # a damaged file ends in any error of a reader's own

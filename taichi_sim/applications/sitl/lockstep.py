@@ -26,6 +26,7 @@ from taichi_sim.applications.sitl.channels import Mixer, changes_for, default_ch
 from taichi_sim.applications.sitl.driven import Driven, Sensors
 from taichi_sim.config import ConfigError, WorldConfig
 from taichi_sim.config.io import vehicle_file
+from taichi_sim.errors import UserError
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, BELOW, DOWN, POSITION, QUATERNION, VELOCITY
 from taichi_sim.kernels.rotation import torch_rotation_matrix
@@ -40,7 +41,7 @@ SILENT = 5.0  # s, of the clock, without a packet, after which the terminal says
 AGAIN = 3.0  # factor of that time until it says so again
 
 
-class SilentError(RuntimeError):
+class SilentError(UserError, RuntimeError):
     """An autopilot has been silent for too long."""
 
 

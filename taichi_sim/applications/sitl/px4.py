@@ -24,7 +24,7 @@ import numpy as np
 
 from taichi_sim.applications.sitl.craft import HELD_HEIGHT, Counts, Craft, Pace, Servos
 from taichi_sim.applications.sitl.driven import Sensors
-from taichi_sim.config.base import MissingExtraError
+from taichi_sim.errors import needs
 from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.kernels.rotation import numpy_rotation_matrix
 from taichi_sim.visualisation.recording.east_north_up import FJORD, geodetic
@@ -50,10 +50,8 @@ def mavlink() -> Any:
     Raises:
         MissingExtraError: if pymavlink is not installed.
     """
-    try:
+    with needs("pymavlink", "px4"):
         from pymavlink.dialects.v20 import common
-    except ImportError:
-        raise MissingExtraError("pymavlink", "px4") from None
     return common
 
 

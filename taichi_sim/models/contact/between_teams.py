@@ -23,6 +23,7 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
+from taichi_sim.errors import UserError
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.conventions import BELOW, HORIZONTAL, POSITION, QUATERNION
 from taichi_sim.kernels.rotation import torch_rotation_matrix
@@ -38,7 +39,7 @@ FRICTION_KEY = "deck.friction"  # may differ between environments if `Vehicle.va
 DEEPEST_START = 0.02  # m; a sole that begins deeper below a deck's plane is inside the deck, not on it; assumed
 
 
-class PlacementError(ValueError):
+class PlacementError(UserError, ValueError):
     """A vehicle was placed where it cannot be."""
 
 

@@ -18,6 +18,7 @@ import torch
 from taichi_sim.config import SeaConfig, SwellConfig
 from taichi_sim.config.arguments import whole_number
 from taichi_sim.config.base import number, span
+from taichi_sim.errors import UserError
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.conventions import AMPLITUDE, BX, BY, GRAVITY, KX, KY, OMEGA, PHASE, RHO_SEA, SEA_ROWS
 from taichi_sim.surroundings.sea import query_kernels
@@ -32,7 +33,7 @@ ROOM = 0.98  # limit of the sum of k a; the surface could loop from 1 on
 TRIES = 8  # attempts with longer periods; in deep water without swell the first one suffices
 
 
-class SteepSeaError(ValueError):
+class SteepSeaError(UserError, ValueError):
     """The sum of k a reaches 1, so that the Gerstner surface could loop through itself."""
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from taichi_sim.config.io import replacing
+from taichi_sim.errors import UserError, needs
 from taichi_sim.visualisation.film.moment import moment_of
 from taichi_sim.visualisation.film.picture import Beside, check_picture
 from taichi_sim.visualisation.recording.episode import Episode
@@ -30,7 +31,7 @@ Samples = Callable[[], Iterable[NDArray[np.uint8]]]
 KINDS = (".mp4", ".png", ".gif", ".webp")
 
 
-class FilmError(ValueError):
+class FilmError(UserError, ValueError):
     """A film cannot be written; the message says why."""
 
 
@@ -134,12 +135,8 @@ def film_times(episodes: Collection[Episode], fps: float, speed: float, until: f
 
 
 def _ffmpeg() -> ModuleType:
-    try:
+    with needs("imageio-ffmpeg (for .mp4; .png, .gif and .webp do without)", "film"):
         import imageio_ffmpeg
-    except ImportError as fault:
-        raise FilmError(
-            'an .mp4 takes imageio-ffmpeg: pip install "taichi-sim[film]"; .png, .gif and .webp are written without'
-        ) from fault
     return imageio_ffmpeg
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from taichi_sim.config.base import MissingExtraError
+from taichi_sim.errors import MissingExtraError
 from taichi_sim.kernels.conventions import GRAVITY, RHO_SEA
 from taichi_sim.models.usv.hull.database import SUFFIX, HydroDatabase
 from taichi_sim.models.usv.hull.radiation import cubic

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from taichi_sim.errors import refuse
 from taichi_sim.kernels.conventions import (
     ANGULAR_VELOCITY,
     GRAVITY,
@@ -103,19 +104,18 @@ def trim(
     phi, elevator, throttle, aileron, and rudder (or beta).
 
     Raises:
-        TrimError: if there is no such flight within the limits; the message names the limits reached.
-        ValueError: for both a radius and a rate, a radius of zero, or an airspeed that is not positive.
+        TrimError: if there is no such flight within the limits, whose names the message has; for both a radius and a
+            rate, a radius of zero, or an airspeed that is not positive.
     """
-    if turn_radius is not None and turn_rate is not None:
-        raise ValueError("turn_radius and turn_rate: give one of them")
-    if turn_radius == 0:
-        raise ValueError("turn_radius = 0: must not be zero; leave it out for straight flight")
-    if not 0 < Va < np.inf:
-        raise ValueError(f"airspeed Va = {Va:g} m/s: must be positive and finite")
-    if not abs(gamma) < np.pi / 2:
-        raise ValueError(f"climb gamma = {np.degrees(gamma):g} deg: must lie between -90 and 90 deg")
-    if np.isnan(turn_radius or 0.0) or not np.isfinite(turn_rate or 0.0):
-        raise ValueError(f"turn_radius = {turn_radius}, turn_rate = {turn_rate}: must be numbers")
+    numbers = not np.isnan(turn_radius or 0.0) and np.isfinite(turn_rate or 0.0)
+    refuse(
+        TrimError,
+        (turn_radius is not None and turn_rate is not None, "turn_radius and turn_rate: give one of them"),
+        (turn_radius == 0, "turn_radius = 0: must not be zero; leave it out for straight flight"),
+        (not 0 < Va < np.inf, f"airspeed Va = {Va:g} m/s: must be positive and finite"),
+        (not abs(gamma) < np.pi / 2, f"climb gamma = {np.degrees(gamma):g} deg: must lie between -90 and 90 deg"),
+        (not numbers, f"turn_radius = {turn_radius}, turn_rate = {turn_rate}: must be numbers"),
+    )
     rate = float(turn_rate or 0.0) if turn_radius is None else Va * float(np.cos(gamma)) / turn_radius
 
     def unpack(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from taichi_sim.config import ConfigError, SeaConfig
-from taichi_sim.config.base import MissingExtraError
+from taichi_sim.errors import MissingExtraError
 from taichi_sim.surroundings.sea.measured.ndbc import is_ndbc, read_ndbc
 from taichi_sim.surroundings.sea.measured.netcdf import read_netcdf
 from taichi_sim.surroundings.sea.measured.record import (

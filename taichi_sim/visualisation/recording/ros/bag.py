@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
+from taichi_sim.errors import UserError
 from taichi_sim.visualisation.recording.east_north_up import FJORD, Origin
 from taichi_sim.visualisation.recording.episode import Episode
 from taichi_sim.visualisation.recording.ros.messages import EPOCH_S, Builder, Messages, Topic
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 PACKAGES = ("rosbags", "mcap")
 
 
-class BagError(ValueError):
+class BagError(UserError, ValueError):
     """A bag cannot be written; the message says what to do."""
 
 

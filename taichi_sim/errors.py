@@ -1,0 +1,47 @@
+"""The errors of users, and the one rule by which commands print them: a message without a traceback."""
+
+from collections.abc import Generator
+from contextlib import contextmanager
+
+
+class UserError(Exception):
+    """A mistake of the user; the message says what to do.
+
+    Each error that a user can cause derives from it, most of them also from a builtin one.
+    """
+
+
+class MissingExtraError(UserError, ImportError):
+    """An optional package is not installed; the message says how to install it."""
+
+    def __init__(self, package: str, extra: str):
+        """Name the missing `package` and the extra that installs it."""
+        super().__init__(f'{package} is not installed: pip install "taichi-sim[{extra}]"', name=package)
+
+
+def refuse(error: type[Exception], *checks: tuple[object, str]) -> None:
+    """Raise `error` for the first of the `checks` that holds: (what is wrong, the message for it)."""
+    for wrong, told in checks:
+        if wrong:
+            raise error(told)
+
+
+@contextmanager
+def needs(package: str, extra: str) -> Generator[None]:
+    """Import optional packages inside it: `extra` installs `package`.
+
+    Raises:
+        MissingExtraError: if an import fails.
+    """
+    try:
+        yield
+    except ImportError as error:
+        raise MissingExtraError(package, extra) from error
+
+
+def message(error: Exception) -> str | None:
+    """The message for an error of the user or of the machine; None for any other error."""
+    if isinstance(error, OSError):
+        return f"{f'{error.filename}: ' if error.filename else ''}{error.strerror or error}"
+    notes = "".join(f" ({note})" for note in getattr(error, "__notes__", ()))
+    return f"{error}{notes}" if isinstance(error, UserError) else None
