@@ -13,7 +13,7 @@ from torch import Tensor
 
 from taichi_sim.errors import UserError
 from taichi_sim.state.memory import Remembers
-from taichi_sim.state.snapshot import Entry, Stateful, checked, restored, walk
+from taichi_sim.state.snapshot import Entry, Stateful, restored, walk
 from taichi_sim.world import World
 
 MANY, PARTS = 128, 16
@@ -38,7 +38,7 @@ class Divergence(Remembers):
         """
         self._mission, self._world, self._steps = mission, world, steps
         self.envs = self.remember(torch.zeros_like(steps, dtype=torch.bool))
-        self._found = checked(mission)
+        self._found = walk(mission)
         self._rest = self.scratch({entry.path: entry.value[0].clone() for entry in self._numbers()})
         self._shown = [entry for entry in self._numbers() if bool(fine(self._rest[entry.path]).all())]
         self._told: set[str] = set()

@@ -2,15 +2,9 @@
 (taichi_sim/state/memory.py).
 
 Tensors are written in place if the shape allows it, so that kernels stay bound to them. What classes have declared is
-found from the world or mission on, each part once. A `StateError` names an attribute that
-
-    was declared and is gone;
-    is remembered, but its class does not derive from `Remembers`;
-    is a part that remembers, and that nobody has declared: `self.part = self.remember(Part(...))`;
-    is an undeclared tensor that torch has written in place since it was assigned and that shares no memory with what is
-    declared; or an undeclared number that is assigned again, generator, or dictionary or list of tensors.
-
-Not seen are tensors that Taichi kernels alone write, and state outside of such objects: in a module or a closure.
+found from the world or mission on, each part once. A `StateError` names an
+attribute that was declared and is gone, or that is remembered and whose class does not derive from `Remembers`. Other
+state that nobody has declared stays as it is.
 """
 
 import contextlib
@@ -32,7 +26,7 @@ from torch import Tensor
 from taichi_sim.config.arguments import Envs, environments, whole_number
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import Keys, Noise
-from taichi_sim.state.memory import AGAIN, NUMBERS, Kind, Remembers, StateError, declared, undeclared, version, versions
+from taichi_sim.state.memory import Kind, Remembers, StateError, declared
 
 VERSION = 5  # version of a snapshot's layout
 GIB = 2**30
@@ -118,8 +112,7 @@ class Entry(NamedTuple):
 _FUNCTION = types.FunctionType | types.MethodType | types.BuiltinFunctionType | functools.partial
 _KERNEL = runtime.Launcher | runtime.Runtime | torch.device | torch.dtype
 _CONSTANT = _FUNCTION | _KERNEL | types.ModuleType | type | Path | bytes | BaseModel | frozenset | range
-_PLAIN = (*NUMBERS, str)
-_GENERATORS = torch.Generator | np.random.Generator | random.Random
+_PLAIN = bool | int | float | complex | np.generic | str
 
 
 class _Walk:
@@ -130,7 +123,6 @@ class _Walk:
         self.entries: list[Entry] = []
         self.objects: list[Remembers] = []
         self._seen: set[int] = set()
-        self._wrong: list[StateError] = []
 
     def find(self, value: object, path: str, owner: object = None, key: object = None) -> None:
         """Find the entries of a value that differs between environments, held by `owner` under `key`."""
@@ -150,20 +142,17 @@ class _Walk:
                 self.find(item, f"{path}[{k!r}]", value, k)
         else:
             kind = f"{type(value).__module__}.{type(value).__qualname__}"
-            self._refuse(
+            raise StateError(
                 f"{path} is a {kind}, which does not say what it remembers: derive its class from "
                 "taichi_sim.state.memory.Remembers, or share(...) an array or a generator (docs/extending.md)"
             )
-
-    def _refuse(self, text: str) -> None:
-        self._wrong.append(StateError(text))
 
     def _attributes(self, thing: Remembers, path: str) -> None:
         self.objects.append(thing)
         held = vars(thing)
         for name, kind in declared(thing).items():
             if name not in held:
-                self._refuse(
+                raise StateError(
                     f"{type(thing).__name__}.{name} was declared by self.{kind.value}(...) and is gone: a declared "
                     "attribute stays; set it to None"
                 )
@@ -172,52 +161,11 @@ class _Walk:
             elif kind is Kind.SHARED:
                 self.entries.append(Entry(f"{path}.{name}", thing, name, False))
 
-    def check(self) -> None:
-        """Refuse what was forgotten.
-
-        Raises:
-            StateError: naming class and attribute, and what to write (module docstring).
-        """
-        if self._wrong:
-            raise self._wrong[0]
-        tensors = [entry.value for entry in self.entries]
-        tensors += [vars(x)[name] for x in self.objects for name, kind in declared(x).items() if kind is Kind.SCRATCH]
-        known = {value.untyped_storage().data_ptr() for value in tensors if isinstance(value, Tensor)}
-        for thing in self.objects:
-            kinds, begun = declared(thing), versions(thing)
-            for name, value in vars(thing).items():
-                if name not in kinds and (why := self._forgotten(value, begun.get(name), known)):
-                    raise undeclared(thing, name, why)
-
-    def _forgotten(self, value: object, begun: int | None, known: set[int]) -> str | None:
-        """Why a value should have been declared; None: there is no reason."""
-        if isinstance(value, Tensor):
-            shares = value.untyped_storage().data_ptr() in known
-            return None if shares or begun is None or version(value) == begun else "has been written in place"
-        if isinstance(value, NUMBERS):
-            return "is assigned again" if begun == AGAIN else None
-        if isinstance(value, _GENERATORS):
-            return "is a generator"
-        if isinstance(value, Remembers):
-            return None if id(value) in self._seen else "is a part that remembers"
-        if isinstance(value, dict | list) and id(value) not in self._seen:
-            for item in value.values() if isinstance(value, dict) else value:
-                if isinstance(item, Tensor) or self._forgotten(item, None, known):
-                    return "holds tensors or parts"
-        return None
-
 
 def walk(root: Any) -> _Walk:
     """The entries of `root`, which has `num_envs`, and the objects that own them."""
     found = _Walk(root.num_envs)
     found.find(root, type(root).__name__)
-    return found
-
-
-def checked(root: Any) -> _Walk:
-    """`walk`, refusing what was forgotten (module docstring)."""
-    found = walk(root)
-    found.check()
     return found
 
 
@@ -435,7 +383,7 @@ class Stateful(Remembers):
     @runtime.torch_at_rest()
     def snapshot(self) -> Snapshot:
         """Copy everything that the environments remember; `restore` continues from there, to the bit."""
-        values = {entry.path: _taken(entry.value) for entry in checked(self).entries}
+        values = {entry.path: _taken(entry.value) for entry in walk(self).entries}
         return Snapshot(VERSION, about(self), self.num_envs, values, self.made())
 
     @runtime.torch_at_rest()
@@ -469,10 +417,10 @@ class Stateful(Remembers):
         """Copy what environments `envs` [n] remember, row by row, for `put`.
 
         Raises:
-            StateError: for environments that do not exist, or state that is not declared.
+            StateError: for environments that do not exist.
         """
         rows, values, whole = _envs(envs, self.num_envs, "envs", twice=True), {}, {}
-        for entry in checked(self).entries:
+        for entry in walk(self).entries:
             value = entry.value
             if entry.of_env and isinstance(value, Tensor) and len(value) == self.num_envs:
                 values[entry.path] = value.index_select(0, rows)
@@ -525,7 +473,7 @@ class Stateful(Remembers):
         if len(source) != len(target):
             raise StateError(f"{len(source)} source_envs for {len(target)} target_envs")
         _check_noise(noise)
-        found = checked(self)
+        found = walk(self)
         for entry in found.entries:
             value = entry.value
             if entry.of_env and value is not None and not (noise == "own" and isinstance(entry.owner, Noise)):
@@ -555,7 +503,7 @@ class Stateful(Remembers):
         _check_noise(noise)
         _check_fork(into)
         this: Any = self
-        rows, source = rows.repeat_interleave(copies), walk(self) if into else checked(self)
+        rows, source = rows.repeat_interleave(copies), walk(self)
         total = len(rows)
         if into is None:
             check_memory(_size(source), total)

@@ -7,7 +7,6 @@ import torch
 
 from rl.mission import Mission, Team
 from rl.missions import load_scenario, make_mission
-from taichi_sim.state.memory import StateError
 
 FILE = Path(__file__).parents[1] / "data" / "plugins" / "shadow.toml"
 
@@ -45,9 +44,3 @@ def test_a_team_without_a_reward_is_named():
         patch.delattr(type(team).__mro__[1], "reward")
         with pytest.raises(NotImplementedError, match=r"Boats\.reward"):
             mission.step({name: torch.zeros_like(team.action) for name, team in mission.teams.items()})
-
-
-@pytest.mark.parametrize(("name", "how"), [("STATE", "remember"), ("SHARED", "share")])
-def test_a_class_that_lists_what_it_remembers_is_told_where_to_declare_it(name, how):
-    with pytest.raises(StateError, match=rf"Old\.{name} is read no more.*self\.{how}"):
-        type("Old", (Mission,), {name: ("counter",)})
