@@ -6,9 +6,10 @@ A mission's scenario class derives from `Scenario` and adds keys (rl/mission.py)
 import difflib
 import hashlib
 import itertools
+from collections.abc import Iterator
 from typing import Annotated, Literal, TypeVar
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field
 
 from taichi_sim.config import ConfigError, NonNegative, Positive, Strict, WorldConfig
 from taichi_sim.config.io import drop_ranges, set_values, validate
@@ -138,75 +139,66 @@ class Scenario(WorldConfig):
         earlier = itertools.takewhile(lambda item: item[0] != name, self.stages.items())
         return sum(stage.iterations for _, stage in earlier if team in stage.learners)
 
-    @model_validator(mode="after")
-    def _has_teams(self):
+    def _mistakes(self) -> Iterator[str]:
+        yield from super()._mistakes()
         if not self.teams:
-            raise ValueError("there is no team: a team is a section of any name that has a vehicle")
-        return self
+            yield "there is no team: a team is a section of any name that has a vehicle"
+        yield from self._unfit_stages()
 
-    def _check_learner(self, key: str, team: str) -> None:
+    def _unfit_learner(self, key: str, team: str) -> Iterator[str]:
         if team not in self.teams:
             close = difflib.get_close_matches(team, self.teams, n=1)
             hint = f", did you mean {close[0]!r}?" if close else ""
-            raise ValueError(
-                f"{key}: there is no such team{hint}; allowed are {', '.join(map(repr, self.teams)) or 'none'}"
-            )
+            yield f"{key}: there is no such team{hint}; allowed are {', '.join(map(repr, self.teams)) or 'none'}"
         if team in self.scripted:
-            raise ValueError(f"{key}: a script acts for it, nothing is to be learnt")
+            yield f"{key}: a script acts for it, nothing is to be learnt"
 
-    @model_validator(mode="after")
-    def _stages_fit(self):
+    def _unfit_stages(self) -> Iterator[str]:
+        """Mistakes of stages; those without a network of their own get that of their team's first stage."""
         first: dict[str, tuple[str, StageConfig]] = {}
         for name, stage in self.stages.items():
             for key, team in (("team", stage.team), *((f"joint[{k}]", team) for k, team in enumerate(stage.joint))):
-                self._check_learner(f"stages.{name}.{key} = {team!r}", team)
+                yield from self._unfit_learner(f"stages.{name}.{key} = {team!r}", team)
                 earlier, begun = first.setdefault(team, (name, stage))
                 for own in ("hidden_dims", "activation", "critic"):
                     before, now = getattr(begun, own), getattr(stage, own)
                     if own not in stage.model_fields_set and before != now:
                         self.stages[name] = stage = stage.model_copy(update={own: before})
                     elif before != now:
-                        raise ValueError(
+                        yield (
                             f"stages.{name}.{own} = {now!r}: {team} goes on with the networks of stages.{earlier}, "
                             f"where that is {before!r}"
                         )
                 if stage.planning is not None and stage.joint:
-                    raise ValueError(
-                        f"stages.{name}.joint = {list(stage.joint)}: one team at a time is improved by planning"
-                    )
+                    yield f"stages.{name}.joint = {list(stage.joint)}: one team at a time is improved by planning"
                 if stage.start_from is not None and begun is not stage:
-                    raise ValueError(
+                    yield (
                         f"stages.{name}.start_from = {stage.start_from!r}: {team} goes on from stages.{earlier}; only "
                         "the first stage of a team may start from elsewhere"
                     )
                 if stage.keep == "better" and stage.start_from is None and begun is stage:
-                    raise ValueError(
+                    yield (
                         f"stages.{name}.keep = 'better': {team} has learnt nothing before, so there is nothing to "
                         "compare with; train it in an earlier stage, or give start_from"
                     )
             key = f"stages.{name}.frozen = {list(stage.frozen or ())}"
             for team in stage.acting or ():
-                self._check_learner(key, team)
+                yield from self._unfit_learner(key, team)
                 if team in stage.learners:
-                    raise ValueError(f"{key}: {team} learns in this stage")
+                    yield f"{key}: {team} learns in this stage"
                 if team in self.trained and team in self.given:
-                    raise ValueError(
-                        f"{key}: {team} has a given policy, and a stage that trains it: leave one of them out"
-                    )
+                    yield f"{key}: {team} has a given policy, and a stage that trains it: leave one of them out"
                 if team not in first and team not in self.given:
-                    raise ValueError(
+                    yield (
                         f"{key}: no stage before this one trains {team}; put one there, let it act by the package's "
                         f"policy ({team}=pretrained), or leave it out"
                     )
                 if self.given.get(team, f"{team}={PRETRAINED}") != f"{team}={PRETRAINED}":
-                    raise ValueError(f"{key}: {self.given[team]!r}: the only policy of another place is {PRETRAINED}")
+                    yield f"{key}: {self.given[team]!r}: the only policy of another place is {PRETRAINED}"
             if len(set(stage.acting or ())) < len(stage.acting or ()):
-                raise ValueError(f"{key}: names a team twice")
+                yield f"{key}: names a team twice"
             if len(set(stage.learners)) < len(stage.learners):
-                raise ValueError(
-                    f"stages.{name}.joint = {list(stage.joint)}: names a team twice, or stages.{name}.team"
-                )
-        return self
+                yield f"stages.{name}.joint = {list(stage.joint)}: names a team twice, or stages.{name}.team"
 
 
 C = TypeVar("C", bound=Scenario)

@@ -22,7 +22,7 @@ from typing import Annotated, NamedTuple, TextIO, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field
 from tqdm import tqdm
 
 from rl.evaluation.episodes import judge_episodes, mission_class
@@ -70,22 +70,18 @@ class Axis(Strict):
     scale: Positive = 1.0  # from `unit` to the unit of the keys
     times: str | None = None
 
-    @model_validator(mode="after")
-    def _fits(self):
+    def _mistakes(self) -> Iterator[str]:
         for what, given in (("keys", self.keys), ("values", self.values)):
             if not given:
-                raise ValueError(
-                    f"axis {self.name!r} has no {what}: an axis sets at least one key to at least one value"
-                )
+                yield f"axis {self.name!r} has no {what}: an axis sets at least one key to at least one value"
         for value in self.values:
             if isinstance(value, tuple) and len(value) != len(self.keys):
-                raise ValueError(f"axis {self.name!r}: {list(value)} has {len(value)} values for {len(self.keys)} keys")
+                yield f"axis {self.name!r}: {list(value)} has {len(value)} values for {len(self.keys)} keys"
             scaled = self.scale != 1.0 or self.times is not None
             if scaled and not all(isinstance(v, int | float) for v in self.of_keys(value)):
-                raise ValueError(f"axis {self.name!r}: {value!r} is not a number: scale and times need numbers")
+                yield f"axis {self.name!r}: {value!r} is not a number: scale and times need numbers"
         if self.labels is not None and len(self.labels) != len(self.values):
-            raise ValueError(f"axis {self.name!r} has {len(self.labels)} labels for {len(self.values)} values")
-        return self
+            yield f"axis {self.name!r} has {len(self.labels)} labels for {len(self.values)} values"
 
     def label(self, value: object) -> object:
         """The label of one of `values`."""
@@ -104,14 +100,12 @@ class Sweep(Strict):
     episodes: Annotated[int, Field(ge=2, le=100_000)] = 256  # under each condition
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 5000  # of the episodes; not the evaluation's or training's
 
-    @model_validator(mode="after")
-    def _has_axes(self):
+    def _mistakes(self) -> Iterator[str]:
         names = [axis.name for axis in self.axis]
         if not names:
-            raise ValueError("there is no [[axis]]: nothing is varied")
+            yield "there is no [[axis]]: nothing is varied"
         if len(set(names)) < len(names):
-            raise ValueError(f"two axes of one name: {', '.join(names)}")
-        return self
+            yield f"two axes of one name: {', '.join(names)}"
 
 
 def find_sweep(name: str | Path) -> Path:

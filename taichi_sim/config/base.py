@@ -1,12 +1,12 @@
 """Base of every configuration section: number types, the strict model, the errors."""
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Annotated, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from torch import Tensor
 
 from taichi_sim.errors import UserError
@@ -51,6 +51,16 @@ class Strict(BaseModel):
     """Base of every section: unknown keys and values of another type are errors; a section is frozen."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    def _mistakes(self) -> Iterator[str]:
+        """Mistakes among values that are each allowed, of which the first is told: "KEY = VALUE: what is allowed"."""
+        yield from ()
+
+    @model_validator(mode="after")
+    def _without_mistakes(self):
+        if told := next(self._mistakes(), None):
+            raise ValueError(told)
+        return self
 
 
 def span(values: ArrayLike | Tensor, unit: str) -> str:

@@ -1,5 +1,6 @@
 """The sections `[sea]` and `[sea.current]` of a scenario."""
 
+from collections.abc import Iterator
 from datetime import UTC, date, datetime
 from pathlib import PurePath
 from typing import Annotated, Literal
@@ -44,11 +45,9 @@ class TideConfig(Strict):
     direction_deg: Finite = 0.0  # direction the flood flows to, clockwise from north
     constituents: Annotated[dict[str, ConstituentConfig], Field(min_length=1)]
 
-    @model_validator(mode="after")
-    def _are_known(self):
+    def _mistakes(self) -> Iterator[str]:
         if unknown := next((name for name in self.constituents if name not in CONSTITUENTS), None):
-            raise ValueError(f"constituents.{unknown}: unknown; allowed are {', '.join(CONSTITUENTS)}")
-        return self
+            yield f"constituents.{unknown}: unknown; allowed are {', '.join(CONSTITUENTS)}"
 
 
 class CurrentConfig(Strict):
@@ -65,11 +64,9 @@ class CurrentConfig(Strict):
     std: Annotated[float, Field(ge=0, le=5)] = 0.0  # deviation of the fluctuation of each component (north, east), m/s
     time_constant: Positive = 300.0  # time constant of that fluctuation, s (assumed)
 
-    @model_validator(mode="after")
-    def _one_mean(self):
+    def _mistakes(self) -> Iterator[str]:
         if self.series is not None and self.speed:
-            raise ValueError(f"the current is given twice, by speed = {self.speed} and series: keep one")
-        return self
+            yield f"the current is given twice, by speed = {self.speed} and series: keep one"
 
 
 MAX_COMPONENTS = 64  # largest number of components per realisation, wind sea and swell together
@@ -172,8 +169,7 @@ class SeaConfig(Strict):
             data = data | {"spectrum": "pierson_moskowitz"}
         return data
 
-    @model_validator(mode="after")
-    def _one_size(self):
+    def _mistakes(self) -> Iterator[str]:
         ways = {
             "hs" if self.tp is None else "hs and tp": (self.hs, self.tp),
             "sea_state": (self.sea_state,),
@@ -182,35 +178,30 @@ class SeaConfig(Strict):
         }
         named = [way for way, values in ways.items() if any(v is not None for v in values)]
         if self.measured and named:
-            raise ValueError(f"spectrum is a measured one, which has a size of its own: remove {' and '.join(named)}")
+            yield f"spectrum is a measured one, which has a size of its own: remove {' and '.join(named)}"
         if self.measured:
-            return self
+            return
         if other := next((key for key in ("record", "site") if getattr(self, key) is not None), None):
-            raise ValueError(f"{other} is of a file of measured spectra: give spectrum = FILE, or remove it")
+            yield f"{other} is of a file of measured spectra: give spectrum = FILE, or remove it"
         if len(named) > 1:
-            raise ValueError(
+            yield (
                 f"the size of the sea is given {len(named)} times, by {', by '.join(named)}: "
                 "keep one and remove the others"
             )
         if self.hs is None and self.tp is not None:
-            raise ValueError("tp is given without hs: give both")
+            yield "tp is given without hs: give both"
         windy = self.wind_speed is not None or self.follows_wind
         if self.fetch is not None and not windy:
-            raise ValueError("fetch is given without wind_speed: give both")
+            yield "fetch is given without wind_speed: give both"
         if self.fetch is not None and self.spectrum != "jonswap":
-            raise ValueError(f"fetch makes a growing sea: spectrum must be 'jonswap', not {self.spectrum!r}")
+            yield f"fetch makes a growing sea: spectrum must be 'jonswap', not {self.spectrum!r}"
         if windy and self.fetch is None and self.spectrum == "jonswap":
-            raise ValueError(
+            yield (
                 "spectrum = 'jonswap' needs a fetch beside wind_speed; for a fully developed sea "
                 "set spectrum = 'pierson_moskowitz'"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _parts_fit(self):
         total = self.components + (self.swell.components if self.swell else 0)
         if total > MAX_COMPONENTS:
-            raise ValueError(f"components + swell.components = {total}: together they must be at most {MAX_COMPONENTS}")
+            yield f"components + swell.components = {total}: together they must be at most {MAX_COMPONENTS}"
         if self.current and self.current.profile == "power" and self.depth is None:
-            raise ValueError("current.profile = 'power' needs the depth of the water: set depth, in m")
-        return self
+            yield "current.profile = 'power' needs the depth of the water: set depth, in m"

@@ -11,7 +11,7 @@ Keys are dotted; nested TOML tables (`rigid_body.mass = ...`) are equivalent.
 """
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Literal, overload
 
 from pydantic import BeforeValidator, model_validator
@@ -65,15 +65,13 @@ class Range(Strict):
     def _plain(cls, given: object) -> object:
         return {"range": tuple(given)} if isinstance(given, list | tuple) else given
 
-    @model_validator(mode="after")
-    def _one_way(self):
+    def _mistakes(self) -> Iterator[str]:
         given = [way for way in WAYS if getattr(self, way) is not None]
         if len(given) != 1:
-            raise ValueError(f"give exactly one of {', '.join(WAYS)}; given: {', '.join(given) or 'none'}")
+            yield f"give exactly one of {', '.join(WAYS)}; given: {', '.join(given) or 'none'}"
         low, high = getattr(self, given[0])
         if low > high:
-            raise ValueError(f"{given[0]} = [{low:g}, {high:g}]: the first must not be above the second")
-        return self
+            yield f"{given[0]} = [{low:g}, {high:g}]: the first must not be above the second"
 
     @property
     def way(self) -> str:

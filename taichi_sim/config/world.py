@@ -1,10 +1,10 @@
 """The parts of a world: times, sea, `[air]`, and teams of vehicles. A mission's scenario adds its own keys to these."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field
 
 from taichi_sim.config.base import Finite, NonNegative, Positive, Strict, meant
 from taichi_sim.config.sea import SeaConfig
@@ -29,14 +29,12 @@ class GustConfig(Strict):
     direction_deg: Finite | None = None  # direction in which the gust grows from its start, clockwise from north
     length: Positive | None = None  # from zero to the peak, m (gradient distance H of 25.341, d_m of MIL-F-8785C)
 
-    @model_validator(mode="after")
-    def _time_or_place(self):
+    def _mistakes(self) -> Iterator[str]:
         time = ("start_time", "rise_time")
         place = ("start_north", "start_east", "direction_deg", "length")
         given = {name for name in time + place if getattr(self, name) is not None}
         if given not in ({*time}, {*place}):
-            raise ValueError(f"give either {', '.join(time)}, or {', '.join(place)}; given: {sorted(given) or 'none'}")
-        return self
+            yield f"give either {', '.join(time)}, or {', '.join(place)}; given: {sorted(given) or 'none'}"
 
 
 class AirConfig(Strict):
@@ -56,14 +54,12 @@ class AirConfig(Strict):
     turbulence_w20: WindSpeed | None = None  # wind at 20 ft that sets the turbulence, m/s; omitted: the mean wind's
     gust: GustConfig | None = None
 
-    @model_validator(mode="after")
-    def _one_speed(self):
+    def _mistakes(self) -> Iterator[str]:
         given = [key for key in ("speed", "beaufort", "series") if getattr(self, key) is not None]
         if len(given) > 1:
             named = [f"{key} = {getattr(self, key)}" for key in given]
-            raise ValueError(f"the wind is given {'twice' if len(given) == 2 else '3 times'}, by "
+            yield (f"the wind is given {'twice' if len(given) == 2 else '3 times'}, by "
                              f"{' and '.join(named)}: keep one")  # fmt: skip
-        return self
 
 
 # Physics steps in a decision. The random numbers of turbulence are counted by step, in 32 bits (around_vehicles.py):
@@ -131,36 +127,29 @@ class WorldConfig(Strict):
         given = self.dt or self.teams[team].dt
         return round(self.decision_interval / given) if given else math.ceil(self.decision_interval / own - WHOLE)
 
-    @model_validator(mode="after")
-    def _whole_steps(self):
+    def _mistakes(self) -> Iterator[str]:
         given = {"dt": self.dt, **{f"{name}.dt": team.dt for name, team in self.teams.items()}}
         for key, dt in given.items():
             if dt is None:
                 continue
             ratio = self.decision_interval / dt
             if key != "dt" and self.dt is not None:
-                raise ValueError(f"{key} = {dt:g}: dt = {self.dt:g} is the step of all teams: leave out one of them")
+                yield f"{key} = {dt:g}: dt = {self.dt:g} is the step of all teams: leave out one of them"
             if ratio > MOST_SUBSTEPS * (1 + 1e-9):
-                raise ValueError(
+                yield (
                     f"{key} = {dt:g}: {ratio:.3g} steps in a decision_interval of {self.decision_interval:g} s, "
                     f"allowed are {MOST_SUBSTEPS}: give a dt of {self.decision_interval / MOST_SUBSTEPS:g} s or more, "
                     "or decide more often"
                 )
             if ratio < 0.999 or abs(ratio - round(ratio)) > WHOLE:
-                raise ValueError(
-                    f"decision_interval = {self.decision_interval} must be a whole multiple of {key} = {dt}"
-                )
-        return self
-
-    @model_validator(mode="after")
-    def _can_vary(self):
+                yield f"decision_interval = {self.decision_interval} must be a whole multiple of {key} = {dt}"
         for key, given in self.vary.items():
             if key not in CONDITIONS:
-                raise ValueError(
+                yield (
                     f"vary.{key} = {given}: unknown key{meant(key, CONDITIONS)}; allowed here: {', '.join(CONDITIONS)}"
                 )
         if self.sea.measured and (key := next((key for key in (*SIZE, "sea.direction_deg") if key in self.vary), None)):
-            raise ValueError(
+            yield (
                 f"vary.{key} = {self.vary[key]}: sea.spectrum is a measured one, as large as it was and from where it "
                 "came; sea.record = 'all' takes one record after the other"
             )
@@ -168,18 +157,17 @@ class WorldConfig(Strict):
         for series, section in ((self.air.series, "air"), (flow, "sea.current")):
             keys = (f"{section}.speed", f"{section}.direction_deg")
             if series and (key := next((key for key in keys if key in self.vary), None)):
-                raise ValueError(f"vary.{key} = {self.vary[key]}: {section}.series gives it over time")
+                yield f"vary.{key} = {self.vary[key]}: {section}.series gives it over time"
         size = [key for key in SIZE if key in self.vary]
         if "sea.sea_state" in size and len(size) > 1:
-            raise ValueError(f"vary: {' and '.join(size)}: a sea state is a height and a period: vary it, or these")
+            yield f"vary: {' and '.join(size)}: a sea state is a height and a period: vary it, or these"
         if self.sea.follows_wind:
             size += [key for key in self.vary if key == "sea.direction_deg"]
             reason = "the sea follows the wind: vary air.speed and air.direction_deg"
         else:
             reason = "the size of the sea is given by sea.wind_speed: give hs and tp, or sea_state,"
         if size and (self.sea.follows_wind or self.sea.wind_speed is not None):
-            raise ValueError(f"vary.{size[0]} = {self.vary[size[0]]}: {reason} instead")
-        return self
+            yield f"vary.{size[0]} = {self.vary[size[0]]}: {reason} instead"
 
     def bare(self) -> "WorldConfig":
         """The world's own keys, without those that a scenario adds."""

@@ -1,10 +1,10 @@
 """Configuration of the escort mission, besides world, stages and evaluation."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from rl.guidance.course.obstacles import FixedObstacle
 from rl.guidance.residual import ResidualConfig
@@ -41,13 +41,11 @@ class EscortConfig(Strict):
     lost: Annotated[Positive, Plausible(0.5, 5000.0, "s")] = 20.0
     reports: Literal["all", "none", "others"] = "all"  # messages: as sent; none; those of another environment
 
-    @model_validator(mode="after")
-    def _consistent(self):
+    def _mistakes(self) -> Iterator[str]:
         if len({self.vessel, self.boats, self.aircraft}) < 3:
-            raise ValueError(
+            yield (
                 f"vessel = {self.vessel!r}, boats = {self.boats!r}, aircraft = {self.aircraft!r}: must be three teams"
             )
-        return self
 
 
 class VesselCourseConfig(Strict):
@@ -73,11 +71,9 @@ class ObstaclesConfig(Strict):
     spread: Annotated[Positive, Plausible(1.0, 5000.0, "m")] = 60.0
     fixed: tuple[FixedObstacle, ...] = ()  # in every world, m from the vessel's start
 
-    @model_validator(mode="after")
-    def _consistent(self):
+    def _mistakes(self) -> Iterator[str]:
         if self.radius[0] <= 0:
-            raise ValueError(f"radius = {list(self.radius)}: must be above 0")
-        return self
+            yield f"radius = {list(self.radius)}: must be above 0"
 
 
 class EscortSensingConfig(Strict):
@@ -149,28 +145,25 @@ class EscortScenario(Scenario):
         """The sections of the teams."""
         return dict(self.__pydantic_extra__ or {})
 
-    @model_validator(mode="after")
-    def _fits(self):
+    def _mistakes(self) -> Iterator[str]:
+        yield from super()._mistakes()
         for key in ("vessel", "boats"):
             name = getattr(self.escort, key)
             if name not in self.teams:
-                raise ValueError(
-                    f"escort.{key} = {name!r}: there is no such team; there are {', '.join(map(repr, self.teams))}"
-                )
+                yield f"escort.{key} = {name!r}: there is no such team; there are {', '.join(map(repr, self.teams))}"
         if self.teams[self.escort.vessel].script is None:
-            raise ValueError(
+            yield (
                 f"{self.escort.vessel}.script: the vessel that is escorted needs one, such as "
                 '"rl.missions.escort.vessel:Wanderer"'
             )
         for i, o in enumerate(self.obstacles.fixed):
             if math.hypot(o.north, o.east) < o.radius + ROOM:
-                raise ValueError(
+                yield (
                     f"obstacles.fixed[{i}] at ({o.north}, {o.east}) with radius {o.radius}: the vessel begins at "
                     f"(0, 0), and needs {ROOM} m of room"
                 )
         if self.escort.start_distance[1] > self.area / 2:
-            raise ValueError(
+            yield (
                 f"escort.start_distance = {list(self.escort.start_distance)}: must be at most area / 2 = "
                 f"{self.area / 2}"
             )
-        return self

@@ -1,6 +1,6 @@
 """Configuration of the formation mission, besides world, stages and evaluation."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import Field, model_validator
@@ -56,18 +56,16 @@ class ObstacleConfig(Strict):
     speed_max: Annotated[Positive, Plausible(0.02, 50.0, "m/s")] = 6.0
     fixed: tuple[FixedObstacle, ...] = ()
 
-    @model_validator(mode="after")
-    def _ordered(self):
+    def _mistakes(self) -> Iterator[str]:
         for key in ("clearance", "radius", "speed"):
             low, high = getattr(self, f"{key}_min"), getattr(self, f"{key}_max")
             if high < low:
-                raise ValueError(f"{key}_max = {high} must not be below {key}_min = {low}")
+                yield f"{key}_max = {high} must not be below {key}_min = {low}"
         if self.drifting_fraction + self.overtaking_fraction > 1:
-            raise ValueError(
+            yield (
                 f"drifting_fraction = {self.drifting_fraction} and overtaking_fraction = {self.overtaking_fraction} "
                 "must not be above 1 together"
             )
-        return self
 
 
 Spacing = Annotated[float, Field(gt=0, le=200)]
@@ -117,11 +115,9 @@ class FormationTeam(TeamConfig):
         """Least and greatest spacing of its formation, m."""
         return self.formation.spacing_range or (self.spacing, self.spacing)
 
-    @model_validator(mode="after")
-    def _start_within_reach(self):
+    def _mistakes(self) -> Iterator[str]:
         if self.start_distance >= self.lost_distance:
-            raise ValueError(f"start_distance = {self.start_distance} must be below lost_distance")
-        return self
+            yield f"start_distance = {self.start_distance} must be below lost_distance"
 
 
 class SensingConfig(Strict):
@@ -167,20 +163,19 @@ class FormationScenario(Scenario):
         section = self.formations[team]
         return Pace(section.target_speed or self.track.target_speed, section.speed_over or self.track.speed_over)
 
-    @model_validator(mode="after")
-    def _fits(self):
+    def _mistakes(self) -> Iterator[str]:
+        yield from super()._mistakes()
         over = {"track": self.track.speed_over, **{name: team.speed_over for name, team in self.formations.items()}}
         over_air = next((name for name, what in over.items() if what == "air"), None)
         if over_air and self.air.speed is None and self.air.beaufort is None:
-            raise ValueError(
+            yield (
                 f"{over_air}.speed_over = 'air' needs a wind: [air] gives neither speed nor beaufort "
                 "(speed = 0 is calm)"
             )
         half = self.area / 2
         for i, o in enumerate(self.obstacles.fixed):
             if max(abs(o.north), abs(o.east)) + o.radius > half:
-                raise ValueError(
+                yield (
                     f"obstacles.fixed[{i}] at ({o.north}, {o.east}) with radius {o.radius} reaches outside the "
                     f"area: |north| and |east| plus radius must be at most area / 2 = {half}"
                 )
-        return self

@@ -1,9 +1,10 @@
 """Configuration of the landing mission, besides world, stages and evaluation."""
 
 import math
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from rl.missions.landing.rewards import AircraftReward
 from rl.perception.contacts import SensorsConfig
@@ -33,11 +34,9 @@ class LandingConfig(Strict):
     # on the deck, from where all soles were set down, at most
     drift: Annotated[Positive, Plausible(5e-3, 20.0, "m")] = 0.3
 
-    @model_validator(mode="after")
-    def _consistent(self):
+    def _mistakes(self) -> Iterator[str]:
         if self.boats == self.aircraft:
-            raise ValueError(f"boats = {self.boats!r}, aircraft = {self.aircraft!r}: must be two teams")
-        return self
+            yield f"boats = {self.boats!r}, aircraft = {self.aircraft!r}: must be two teams"
 
 
 class CourseConfig(Strict):
@@ -62,16 +61,14 @@ class MarkerConfig(Strict):
     # of all looks, for each metre of significant wave height
     spray: Annotated[NonNegative, Plausible(1e-4, 1.0, "1/m")] = 0.02
 
-    @model_validator(mode="after")
-    def _looks_down(self):
+    def _mistakes(self) -> Iterator[str]:
         if self.axis_deg - self.field_of_view_deg / 2 >= 90:
-            raise ValueError(
+            yield (
                 f"axis_deg = {self.axis_deg:g} with field_of_view_deg = {self.field_of_view_deg:g}: the camera looks "
                 f"up, and never sees a deck below; axis_deg must be below {90 + self.field_of_view_deg / 2:g}"
             )
         if self.nearest >= self.range:
-            raise ValueError(f"nearest = {self.nearest} m must be below range = {self.range} m")
-        return self
+            yield f"nearest = {self.nearest} m must be below range = {self.range} m"
 
     @property
     def cos_half(self) -> float:
@@ -145,23 +142,20 @@ class LandingScenario(Scenario):
     radio: RadioConfig = RadioConfig()
     evaluation: LandingEvaluation = LandingEvaluation()
 
-    @model_validator(mode="after")
-    def _fits(self):
+    def _mistakes(self) -> Iterator[str]:
+        yield from super()._mistakes()
         for key in ("boats", "aircraft"):
             name = getattr(self.landing, key)
             if name not in self.teams:
-                raise ValueError(
-                    f"landing.{key} = {name!r}: there is no such team; there are {', '.join(map(repr, self.teams))}"
-                )
+                yield f"landing.{key} = {name!r}: there is no such team; there are {', '.join(map(repr, self.teams))}"
             if self.teams[name].script is not None:
-                raise ValueError(f"{name}.script: the mission steers {name}, remove the script")
+                yield f"{name}.script: the mission steers {name}, remove the script"
         boats, aircraft = (self.teams[getattr(self.landing, key)].count for key in ("boats", "aircraft"))
         if aircraft != boats:
-            raise ValueError(
+            yield (
                 f"{self.landing.aircraft}.count = {aircraft}: must be {self.landing.boats}.count = {boats}: each lands "
                 "on a boat of its own"
             )
-        return self
 
     @property
     def scripted(self) -> tuple[str, ...]:

@@ -1,6 +1,7 @@
 """The two sides of a contact, as sections of vehicle files: `[deck]` of a carrier, `[legs]` of a vehicle that lands."""
 
 import math
+from collections.abc import Iterator
 from typing import Annotated
 
 import numpy as np
@@ -46,20 +47,16 @@ class Deck(Strict):
         """Half of the size, m."""
         return 0.5 * self.size[0], 0.5 * self.size[1]
 
-    def check_inside(self, length: float, beam: float) -> None:
-        """Refuse a deck that extends beyond a hull of `length` and `beam` (m) with its midship at the origin.
-
-        Raises:
-            ValueError: naming key, value and range.
-        """
+    def outside(self, length: float, beam: float) -> Iterator[str]:
+        """Why the deck extends beyond a hull of `length` and `beam` (m) with its midship at the origin."""
         for axis, name, whole in ((0, "x", length), (1, "y", beam)):
             most = 0.5 * OVERHANG * whole - self.half[axis]
             if most < 0:
-                raise ValueError(
+                yield (
                     f"deck.size = {list(self.size)} is outside the hull: along {name} it must be at most {whole:g} m"
                 )
             if abs(self.place[axis]) > most * (1 + 1e-9):
-                raise ValueError(
+                yield (
                     f"deck.place = {list(self.place)} is outside the hull: with deck.size = {list(self.size)}, "
                     f"|{name}| must be at most {most:.4g} m"
                 )
@@ -78,18 +75,12 @@ class Legs(Strict):
     stiffness: Annotated[Positive, Plausible(0.5, 2000.0, "N/m", of="physical.mass g reach^-1")]
     damping: Annotated[NonNegative, Plausible(5e-3, 5.0, "N s/m", of="stiffness^0.5 physical.mass^0.5")]  # of each sole
 
-    def check_below(self, rotors: NDArray[np.float64]) -> None:
-        """Refuse legs that are not below the rotors, whose hubs are at `rotors` [rotor, 3] (m, the same frame).
-
-        Raises:
-            ValueError: naming key, value and range.
-        """
+    def above(self, rotors: NDArray[np.float64]) -> Iterator[str]:
+        """Which legs are not below the rotors, whose hubs are at `rotors` [rotor, 3] (m, the same frame)."""
         lowest = float(rotors[:, 2].max())
         for k, point in enumerate(self.points):
             if point[2] <= lowest:
-                raise ValueError(
-                    f"legs.points.{k} = {list(point)} is not below the rotors: z (down) must be above {lowest:g} m"
-                )
+                yield f"legs.points.{k} = {list(point)} is not below the rotors: z (down) must be above {lowest:g} m"
 
     def rates(self, mass: float, cg: tuple[float, float, float], inertia: NDArray[np.float64]) -> tuple[float, float]:
         """Frequency (rad/s) and decay rate (1/s) of the stiffest motion of a body that stands on all legs on a fixed

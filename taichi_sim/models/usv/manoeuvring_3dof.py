@@ -26,14 +26,13 @@ external load act as on a hull that floats upright; Z, K and M have no effect.
 
 import math
 from collections import namedtuple
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Literal
 
 import numpy as np
 import taichi as ti
 import torch
 from numpy.typing import ArrayLike, NDArray
-from pydantic import model_validator
 from torch import Tensor
 
 from taichi_sim.config import Finite, NonNegative, NonPositive, Positive
@@ -108,8 +107,7 @@ class Manoeuvring3dofParams(VehicleParams):
     time_constant: Lag = 0.0  # of the actuators, s; 0: a command acts at once
     wave_response: bool = True  # whether waves push the hull; it rides on them in any case
 
-    @model_validator(mode="after")
-    def _signs_and_sizes(self):
+    def _mistakes(self) -> Iterator[str]:
         for axis, force, damping in (
             ("Y", max(self.sway_force_max, self.surge_force_max), (self.Y_v, self.Y_vv)),
             ("N", self.yaw_moment_max, (self.N_r, self.N_rr)),
@@ -117,12 +115,9 @@ class Manoeuvring3dofParams(VehicleParams):
             grows = any(damping) and math.isinf(steady_speed(force, -damping[0], -damping[1]))
             if grows:
                 names = "Y_v, Y_vv" if axis == "Y" else "N_r, N_rr"
-                raise ValueError(
-                    f"{names} = {damping[0]}, {damping[1]} do not damp: damping is negative in these signs"
-                )
+                yield f"{names} = {damping[0]}, {damping[1]} do not damp: damping is negative in these signs"
         if np.linalg.eigvalsh(self.M + self.M.T).min() <= 0:
-            raise ValueError("mass, I_z, x_g and added mass must make a positive definite inertia matrix")
-        return self
+            yield "mass, I_z, x_g and added mass must make a positive definite inertia matrix"
 
     @property
     def size(self) -> tuple[float, float, float]:

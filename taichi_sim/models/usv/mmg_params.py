@@ -8,9 +8,10 @@ The units are 0.5 rho L^2 d (mass), 0.5 rho L^4 d (inertia), 0.5 rho L d U^2 (fo
 # ruff: noqa: N815
 
 import math
+from collections.abc import Iterator
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
 from taichi_sim.config.plausible import Plausible
@@ -130,14 +131,10 @@ class Rudder(Strict):
         return 6.13 * ratio / (2.25 + ratio)
 
 
-def check_slipstream(propeller: Propeller, rudder: Rudder) -> None:
-    """Refuse a propeller whose slipstream is wider than the rudder's span.
-
-    Raises:
-        ValueError: naming both keys.
-    """
+def slipstream(propeller: Propeller, rudder: Rudder) -> Iterator[str]:
+    """Whether the propeller's slipstream is wider than the rudder's span, as a mistake that names both keys."""
     if propeller.diameter > rudder.span:
-        raise ValueError(f"propeller.diameter = {propeller.diameter} must be at most rudder.span = {rudder.span}")
+        yield f"propeller.diameter = {propeller.diameter} must be at most rudder.span = {rudder.span}"
 
 
 class HullOnPanels(HullPolynomial):
@@ -171,13 +168,11 @@ class MmgSection(Strict):
     propeller: PropellerOnPanels
     rudder: RudderOnPanels
 
-    @model_validator(mode="after")
-    def _consistent(self):
-        check_slipstream(self.propeller, self.rudder)
+    def _mistakes(self) -> Iterator[str]:
+        yield from slipstream(self.propeller, self.rudder)
         for name, part in (("propeller", self.propeller), ("rudder", self.rudder)):
             if part.y > 0 and part.count == 1:
-                raise ValueError(f"{name}.y = {part.y} is the distance of two from the centreline: one has y = 0")
-        return self
+                yield f"{name}.y = {part.y} is the distance of two from the centreline: one has y = 0"
 
     @property
     def resistance(self) -> float:
@@ -211,12 +206,10 @@ class MmgParams(VehicleParams):
     rudder: Rudder
     windage: Windage = Windage()
 
-    @model_validator(mode="after")
-    def _consistent(self):
-        check_slipstream(self.propeller, self.rudder)
+    def _mistakes(self) -> Iterator[str]:
+        yield from slipstream(self.propeller, self.rudder)
         if not 0 < self.top_speed < math.inf:
-            raise ValueError("propeller.k_0, k_1, k_2 with hull.R_0 give no steady speed at n_ahead")
-        return self
+            yield "propeller.k_0, k_1, k_2 with hull.R_0 give no steady speed at n_ahead"
 
     @property
     def size(self) -> tuple[float, float, float]:

@@ -5,11 +5,11 @@ Small Unmanned Aircraft, Princeton University Press 2012, chapters 3 and 4; conf
 
 import math
 from collections import namedtuple
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from taichi_sim.config import Finite, Positive, Strict
 from taichi_sim.config.plausible import Plausible
@@ -48,11 +48,9 @@ class FixedWingPhysical(Strict):
         """Jx Jz - Jxz^2 (Gamma of the book)."""
         return self.Jx * self.Jz - self.Jxz**2
 
-    @model_validator(mode="after")
-    def _inertia_of_a_body(self):
+    def _mistakes(self) -> Iterator[str]:
         if self.determinant <= 0:
-            raise ValueError(f"Jxz = {self.Jxz}: no body has Jxz^2 >= Jx Jz = {self.Jx * self.Jz:.6g}")
-        return self
+            yield f"Jxz = {self.Jxz}: no body has Jxz^2 >= Jx Jz = {self.Jx * self.Jz:.6g}"
 
 
 class Longitudinal(Strict):
@@ -112,11 +110,9 @@ class FixedWingEnvelope(Strict):
     n_max: Annotated[float, Field(gt=1), Plausible(1.2, 15.0)]  # limit load factors, 1
     n_min: Annotated[float, Field(lt=0), Plausible(-12.0, -0.2)]
 
-    @model_validator(mode="after")
-    def _cruise_inside(self):
+    def _mistakes(self) -> Iterator[str]:
         if self.airspeed > self.max_airspeed:
-            raise ValueError(f"airspeed = {self.airspeed}: above max_airspeed = {self.max_airspeed}")
-        return self
+            yield f"airspeed = {self.airspeed}: above max_airspeed = {self.max_airspeed}"
 
 
 class FixedWingBody(Strict):

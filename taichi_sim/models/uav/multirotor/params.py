@@ -6,12 +6,12 @@ the centre of gravity, `physical.cg` in that frame.
 
 import math
 from collections import namedtuple
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
 from taichi_sim.config.plausible import Plausible
@@ -53,15 +53,13 @@ class MultirotorPhysical(Strict):
             [[self.Jx, -self.Jxy, -self.Jxz], [-self.Jxy, self.Jy, -self.Jyz], [-self.Jxz, -self.Jyz, self.Jz]]
         )
 
-    @model_validator(mode="after")
-    def _inertia_of_a_body(self):
+    def _mistakes(self) -> Iterator[str]:
         least, middle, largest = np.linalg.eigvalsh(self.inertia)
         if least <= 0 or largest > (least + middle) * (1 + 1e-9):
-            raise ValueError(
+            yield (
                 f"principal moments of inertia {least:.4g}, {middle:.4g}, {largest:.4g} kg m^2: each must be positive, "
                 "and none above the sum of the two others"
             )
-        return self
 
 
 class Rotor(Strict):
@@ -86,11 +84,9 @@ class Rotor(Strict):
     tau_up: Annotated[Positive, Plausible(2e-3, 0.5, "s")]  # time constant of the speed when it rises
     tau_down: Annotated[Positive, Plausible(0.2, 10.0, "s", of="tau_up")]  # time constant of the speed when it falls
 
-    @model_validator(mode="after")
-    def _a_range(self):
+    def _mistakes(self) -> Iterator[str]:
         if self.omega_min >= self.omega_max:
-            raise ValueError(f"omega_min = {self.omega_min:g}: must be below omega_max = {self.omega_max:g} rad/s")
-        return self
+            yield f"omega_min = {self.omega_min:g}: must be below omega_max = {self.omega_max:g} rad/s"
 
 
 class Mount(Strict):
@@ -112,11 +108,9 @@ class MultirotorEnvelope(Strict):
     airspeed: Annotated[Positive, Plausible(0.5, 60.0, "m/s")]  # cruising airspeed
     max_airspeed: Annotated[Positive, Plausible(1.0, 10.0, "m/s", of="airspeed")]
 
-    @model_validator(mode="after")
-    def _cruise_inside(self):
+    def _mistakes(self) -> Iterator[str]:
         if self.airspeed > self.max_airspeed:
-            raise ValueError(f"airspeed = {self.airspeed:g}: above max_airspeed = {self.max_airspeed:g}")
-        return self
+            yield f"airspeed = {self.airspeed:g}: above max_airspeed = {self.max_airspeed:g}"
 
 
 class Control(Strict):
@@ -161,11 +155,9 @@ class Battery(Strict):
         """Capacity, A s."""
         return self.capacity_mah * MILLI * HOUR
 
-    @model_validator(mode="after")
-    def _falls(self):
+    def _mistakes(self) -> Iterator[str]:
         if self.empty > self.full:
-            raise ValueError(f"empty = {self.empty:g} V: must not be above full = {self.full:g} V")
-        return self
+            yield f"empty = {self.empty:g} V: must not be above full = {self.full:g} V"
 
 
 class MultirotorParams(VehicleParams):
@@ -219,22 +211,16 @@ class MultirotorParams(VehicleParams):
         """Rotors' hubs [rotor, 3] from the centre of gravity, m, b."""
         return np.array([mount.position for mount in self.rotors]) - np.array(self.physical.cg)
 
-    @model_validator(mode="after")
-    def _rotors_apart(self):
+    def _mistakes(self) -> Iterator[str]:
         for i, one in enumerate(self.rotors):
             for j, other in enumerate(self.rotors[:i]):
                 if math.dist(one.position, other.position) < APART:
-                    raise ValueError(
+                    yield (
                         f"rotors.{j} and rotors.{i} coincide at {list(one.position)}: hubs must be at least "
                         f"{APART:g} m apart"
                     )
-        return self
-
-    @model_validator(mode="after")
-    def _legs_below(self):
         if self.legs:
-            self.legs.check_below(np.array([mount.position for mount in self.rotors]))
-        return self
+            yield from self.legs.above(np.array([mount.position for mount in self.rotors]))
 
 
 INERTIA = ("Jx", "Jy", "Jz", "Jxy", "Jxz", "Jyz")

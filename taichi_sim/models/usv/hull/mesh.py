@@ -12,12 +12,13 @@ deck when it capsizes.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
 from taichi_sim.config.plausible import Plausible
@@ -101,21 +102,19 @@ class TwinPontoons(Strict):
         """Of the keel."""
         return _notch(np.array(self.stations)[:, 2:])
 
-    @model_validator(mode="after")
-    def _sensible(self):
+    def _mistakes(self) -> Iterator[str]:
         x, beam, keel = np.array(self.stations).T
         if np.any(np.diff(x) <= 0):
-            raise ValueError("stations = [[x, beam, keel depth], ...] must run forward, from stern to bow")
+            yield "stations = [[x, beam, keel depth], ...] must run forward, from stern to bow"
         if np.any(beam > 2 * self.y):
-            raise ValueError(f"a pontoon's beam {beam.max()} reaches over the centreline: at most 2 y = {2 * self.y}")
+            yield f"a pontoon's beam {beam.max()} reaches over the centreline: at most 2 y = {2 * self.y}"
         if np.any(keel <= -self.freeboard):
-            raise ValueError(f"a keel lies above the deck: every keel depth must be above {-self.freeboard}")
+            yield f"a keel lies above the deck: every keel depth must be above {-self.freeboard}"
         if self.section == "round" and np.any(beam / 2 - keel > self.freeboard + 1e-9):
-            raise ValueError(
+            yield (
                 f"freeboard = {self.freeboard} is below the centre of a round section: "
                 f"it must be at least {(beam / 2 - keel).max():.4g}"
             )
-        return self
 
 
 class StationsHull(Strict):
@@ -149,17 +148,16 @@ class StationsHull(Strict):
         """Whether there is water between two hulls."""
         return any(section[0][0] > 0 for _, section in self.stations)
 
-    @model_validator(mode="after")
-    def _sensible(self):
+    def _mistakes(self) -> Iterator[str]:
         if any(len(section) != len(self.stations[0][1]) for _, section in self.stations):
-            raise ValueError("stations = [[x, [[y, z], ...]], ...] must have as many points at each station")
+            yield "stations = [[x, [[y, z], ...]], ...] must have as many points at each station"
         x, deck = self.points[:, 0, 0], self.points[:, -1, 2]
         if np.any(np.diff(x) <= 0):
-            raise ValueError("stations = [[x, [[y, z], ...]], ...] must run forward, from stern to bow")
+            yield "stations = [[x, [[y, z], ...]], ...] must run forward, from stern to bow"
         if np.any(np.abs(deck - deck[0]) > DECK_STEP):
-            raise ValueError(f"the deck must be level: the last points' z run from {deck.min()} to {deck.max()}")
+            yield f"the deck must be level: the last points' z run from {deck.min()} to {deck.max()}"
         if self.twin and np.any(np.abs(self.points[:, 0, 2] - deck) > DECK_STEP):
-            raise ValueError(
+            yield (
                 "the first points must lie on the centreline (y = 0), or, of twin hulls, on the inner deck edge, as "
                 "high as the outer one"
             )
@@ -168,11 +166,10 @@ class StationsHull(Strict):
             (y0, z0), (y1, z1) = ring.T, np.roll(ring, -1, axis=0).T
             area = float(np.sum(y1 * z0 - y0 * z1)) / 2
             if area < -DECK_STEP or _crosses(section):
-                raise ValueError(
+                yield (
                     f"the section at x = {station:g} crosses itself or runs backwards: points run from the keel (of "
                     "twin hulls: from the inner deck edge around the keel) to the deck edge, with z down"
                 )
-        return self
 
 
 def _crosses(line: Array) -> bool:

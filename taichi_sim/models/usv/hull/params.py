@@ -6,14 +6,14 @@ and trim of a hull on panels. `restoring = "linear"` keeps the published G, so m
 """
 
 from collections import namedtuple
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from typing import Annotated, Any, Literal, Protocol
 
 import numpy as np
 import torch
-from pydantic import Field, model_validator
+from pydantic import Field
 from torch import Tensor
 
 from taichi_sim.config import Finite, NonNegative, NonPositive, Positive, Strict
@@ -99,24 +99,22 @@ class RigidBody(Strict):
     gyration: tuple[RollArm, LongArm, LongArm] | None = None  # about the CG, for roll, pitch, yaw
     M_rb: Matrix | None = None  # 6 x 6 about CO, symmetric, where a source gives it
 
-    @model_validator(mode="after")
-    def _one_of(self):
+    def _mistakes(self) -> Iterator[str]:
         if (self.gyration is None) == (self.M_rb is None):
-            raise ValueError("give either gyration or M_rb")
+            yield "give either gyration or M_rb"
         if self.M_rb is not None:
             M = np.array(self.M_rb)
             if np.abs(M - M.T).max() > ASYMMETRY * np.abs(M).max():
-                raise ValueError("M_rb must be symmetric: row i, column j as row j, column i")
+                yield "M_rb must be symmetric: row i, column j as row j, column i"
             own = rigid_body_mass(self.mass, self.cg, np.zeros((3, 3)))
             reach = max(REACH, float(np.linalg.norm(self.cg)))
             for i, j in np.argwhere(np.abs(M - own)[:3] > OFF_MASS * self.mass * np.array([1.0] * 3 + [reach] * 3)):
-                raise ValueError(
+                yield (
                     f"M_rb[{i}][{j}] = {M[i, j]:g}, and mass and cg make it {own[i, j]:g}: M_rb holds these, too; "
                     "change all three, or give gyration in place of M_rb"
                 )
             if np.linalg.eigvalsh(M)[0] <= 0:
-                raise ValueError("M_rb is not positive definite: its inertia is too small for mass and cg")
-        return self
+                yield "M_rb is not positive definite: its inertia is too small for mass and cg"
 
     @property
     def matrix(self) -> np.ndarray:
@@ -153,11 +151,9 @@ class Lift(Strict):
     N_uv: Annotated[Finite, Plausible(-10.0, 10.0, "kg", of="rho_sea draft^2 length")] = 0.0
     N_ur: Annotated[NonPositive, Plausible(-10.0, -2e-4, "kg m", of="rho_sea draft^2 length^2")] = 0.0
 
-    @model_validator(mode="after")
-    def _takes_energy(self):
+    def _mistakes(self) -> Iterator[str]:
         if 4 * self.Y_uv * self.N_ur < (self.Y_ur + self.N_uv) ** 2:
-            raise ValueError("gives energy to the hull: (Y_ur + N_uv)^2 must be at most 4 Y_uv N_ur")
-        return self
+            yield "gives energy to the hull: (Y_ur + N_uv)^2 must be at most 4 Y_uv N_ur"
 
 
 class Hydrodynamics(Strict):
@@ -197,23 +193,17 @@ class Hydrodynamics(Strict):
     cross_flow_density: WaterDensity = RHO_SEA  # kg/m^3
     lift: Lift = Lift()
 
-    @model_validator(mode="after")
-    def _is_inertia(self):
+    def _mistakes(self) -> Iterator[str]:
         if np.linalg.eigvalsh(self.M_a)[0] < -ASYMMETRY * np.abs(self.M_a).max():
-            raise ValueError("added_coupling is too large for added_mass: together they are not positive definite")
-        return self
-
-    @model_validator(mode="after")
-    def _has_database(self):
+            yield "added_coupling is too large for added_mass: together they are not positive definite"
         if self.radiation == "memory" and self.database is None:
-            raise ValueError('radiation = "memory" needs a database: NAME.hydro.json, made by tools/hydrodynamics.py')
+            yield 'radiation = "memory" needs a database: NAME.hydro.json, made by tools/hydrodynamics.py'
         if self.drift and self.radiation != "memory":
-            raise ValueError('drift = true needs radiation = "memory"')
+            yield 'drift = true needs radiation = "memory"'
         if self.damping_relative_to == "current" and self.radiation != "memory":
-            raise ValueError(
+            yield (
                 'damping_relative_to = "current" needs radiation = "memory": constant damping is also diffraction'
             )
-        return self
 
     @property
     def has_cross_flow(self) -> bool:
@@ -261,69 +251,67 @@ class Hull6DofParams(VehicleParams):
     windage: Windage = Windage()
     deck: Deck | None = None  # for aircraft that land on it (contact/deck_and_legs.py)
 
-    @model_validator(mode="after")
-    def _consistent(self):
+    def _mistakes(self) -> Iterator[str]:
         if self.restoring == "linear" and self.linear is None:
-            raise ValueError('restoring = "linear" needs the section [linear]')
-        self._check_thrusters()
+            yield 'restoring = "linear" needs the section [linear]'
+        yield from self._unfit_thrusters()
         if self.deck:
-            self.deck.check_inside(self.length, self.beam)
-        return self
+            yield from self.deck.outside(self.length, self.beam)
 
     def __hash__(self) -> int:
         """Hash as every frozen model, with the dictionary of thrusters as pairs, because a dict has no hash."""
         return hash(tuple(tuple(x.items()) if isinstance(x, dict) else x for x in self.__dict__.values()))
 
-    def _check_thrusters(self) -> None:
-        """Refuse impossible thrusters, and actions that do not suit them."""
+    def _unfit_thrusters(self) -> Iterator[str]:
+        """Impossible thrusters, and actions that do not suit them."""
         if self.mmg and (self.thrusters or self.actuators):
-            raise ValueError("give either [mmg], propellers and rudders, or [thrusters], or [actuators.NAME]")
+            yield "give either [mmg], propellers and rudders, or [thrusters], or [actuators.NAME]"
         if (self.mmg is not None) != (self.actions == "propeller_rudder"):
-            raise ValueError(
+            yield (
                 f'actions = "{self.actions}": with [mmg] write actions = "propeller_rudder" (revolutions of each '
                 "propeller, rudder), which is for [mmg] alone"
             )
-        self._check_damping()
+        yield from self._unfit_damping()
         if self.thrusters and self.actuators:
-            raise ValueError("give either [thrusters], two propellers, or [actuators.NAME], each by itself")
+            yield "give either [thrusters], two propellers, or [actuators.NAME], each by itself"
         h = self.hydrodynamics
         if self.all_thrusters and not h.linear[0] and not h.quadratic[0]:
-            raise ValueError("hydrodynamics.linear, quadratic: a hull with thrusters needs damping in surge, the first")
+            yield "hydrodynamics.linear, quadratic: a hull with thrusters needs damping in surge, the first"
         x_max, y_max = OVERHANG * self.length / 2, OVERHANG * self.beam / 2
         for thruster in self.all_thrusters:
             x, y, _ = thruster.position
             if abs(x) > x_max or abs(y) > y_max:
                 name = f"actuators.{thruster.name}.position" if self.actuators else f"thrusters.{thruster.name}"
-                raise ValueError(
+                yield (
                     f"{name} = {thruster.position} is outside the hull: |x| must be at most "
                     f"{x_max:.3g} m and |y| at most {y_max:.3g} m (length {self.length}, beam {self.beam})"
                 )
         if self.thrusters and self.thrusters.left[1] >= self.thrusters.right[1]:
-            raise ValueError("thrusters.left must be to port of thrusters.right: its y must be smaller")
+            yield "thrusters.left must be to port of thrusters.right: its y must be smaller"
         if self.actuators and self.actions in ("surge_yaw", "left_right"):
-            raise ValueError(
+            yield (
                 f'actions = "{self.actions}" is for the two propellers of [thrusters]; for [actuators] write '
                 'actions = "wrench" (surge, sway, yaw) or "units" (each thruster)'
             )
         for thruster in self.all_thrusters:
             if self.actions == "wrench" and thruster.azimuth and not thruster.reaches_round:
-                raise ValueError(
+                yield (
                     f'actions = "wrench" needs an actuators.{thruster.name} that pushes every way: a range_deg of 180 '
                     'degrees or more and a thrust_min below 0, or no range_deg; or write actions = "units"'
                 )
 
-    def _check_damping(self) -> None:
-        """Refuse damping of surge, sway and yaw beside a polynomial, and propellers without resistance."""
+    def _unfit_damping(self) -> Iterator[str]:
+        """Damping of surge, sway and yaw beside a polynomial, and propellers without resistance."""
         h = self.hydrodynamics
         planar = [f"{name}[{i}]" for name in ("linear", "quadratic") for i in (0, 1, 5) if getattr(h, name)[i] != 0]
         planar += [name for name, value in (("cross_flow_length", h.cross_flow_length), ("lift", h.lift.Y_uv)) if value]
         if self.mmg and self.mmg.hull and planar:
             given = ", ".join(planar)
-            raise ValueError(
+            yield (
                 f"hydrodynamics.{given}: must be 0, for [mmg.hull] holds all damping of surge, sway and yaw"
             )
         if self.mmg and not 0 < self.mmg.steady_speed(h.linear[0], h.quadratic[0]) < np.inf:
-            raise ValueError("mmg.propeller.k_0, k_1, k_2 with the resistance give no steady speed at n_ahead")
+            yield "mmg.propeller.k_0, k_1, k_2 with the resistance give no steady speed at n_ahead"
 
     @property
     def all_thrusters(self) -> tuple[Thruster, ...]:

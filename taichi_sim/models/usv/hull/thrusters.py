@@ -8,6 +8,7 @@ In both cases the thrust is T = k |n| n at the speed n (Fossen 2021, sec. 9.1), 
 due to inflow, to the wake of another thruster, along the hull (Coanda) and to ventilation in waves are not modelled.
 """
 
+from collections.abc import Iterator
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -156,17 +157,15 @@ class NamedThruster(Strict):
     # factor of its thrust; below 1, the thruster is fouled or damaged
     gain: Annotated[NonNegative, Plausible(0.05, 2.0)] = 1.0
 
-    @model_validator(mode="after")
-    def _consistent(self):
+    def _mistakes(self) -> Iterator[str]:
         if self.range_deg and not self.turn_rate_deg:
-            raise ValueError("range_deg is for a thruster that turns: give turn_rate_deg (deg/s), too")
+            yield "range_deg is for a thruster that turns: give turn_rate_deg (deg/s), too"
         if self.range_deg and max(map(abs, self.range_deg)) > 180.0:
-            raise ValueError(f"range_deg = {list(self.range_deg)} must lie between -180 and 180")
+            yield f"range_deg = {list(self.range_deg)} must lie between -180 and 180"
         if self.n_min is not None and self.n_max is None:
-            raise ValueError("n_min needs n_max")
+            yield "n_min needs n_max"
         if self.thrust_min < 0 and self.n_min == 0:
-            raise ValueError(f"n_min = 0 cannot make thrust_min = {self.thrust_min}")
-        return self
+            yield f"n_min = 0 cannot make thrust_min = {self.thrust_min}"
 
     def thruster(self, name: str) -> Thruster:
         """Convert to the form that kernels use."""
