@@ -1,5 +1,6 @@
 """Odds of endings in the simulator (rl/evaluation/odds): a closed form, direct simulation, threads, refusals."""
 
+import gc
 import json
 import math
 import re
@@ -11,9 +12,9 @@ from scipy import stats
 
 from rl.commands import odds as command
 from rl.evaluation.odds import splitting
-from rl.evaluation.odds.estimate import Question, check
+from rl.evaluation.odds.estimate import Answer, Part, Pilot, Question, check
 from rl.evaluation.odds.paths import EpisodePaths
-from rl.evaluation.odds.splitting import HAPPENED, find_levels, pooled, repeat
+from rl.evaluation.odds.splitting import HAPPENED, Levels, Repeat, find_levels, pooled, repeat
 from rl.mission import Mission
 from rl.missions import load_scenario
 from rl.missions.formation.team import TeamTask
@@ -168,6 +169,17 @@ def test_a_failure_that_is_decided_at_the_start_has_no_figure():
     assert odds.ancestors == len({(k, a) for k, one in enumerate(done) for a in one.weights.nonzero()[0]}) < 10
 
 
+def test_repeats_are_planned_until_enough_beginnings_carry_the_result():
+    def answer(carry, repeats=20):  # each repeat has the same p; of so many repeats together, `carry` beginnings do
+        weights = np.zeros((repeats, 100))
+        weights[:carry, 0] = 1e-4 / carry
+        parts = [Part(k, Repeat((0.1, 0.1), row, (), 1.0, np.zeros(0)), {}, None) for k, row in enumerate(weights)]
+        return Answer(None, Pilot(Levels((0.0, HAPPENED), 0.0), 1.0, 1, True), 100, parts)
+
+    assert answer(5).odds.decided and abs(answer(5).more(0.9) - 40) <= 1 and abs(answer(2).more(0.9) - 130) <= 1
+    assert not answer(16).odds.decided and answer(16).more(0.9) == 0 and answer(16).more(0.05) > 40
+
+
 @pytest.mark.parametrize("threads", [1, 2])
 def test_threads_change_no_digit(threads):
     from taichi_sim.kernels import runtime
@@ -199,6 +211,7 @@ def test_the_command_tells_keeps_and_repeats(small, tmp_path, capsys, monkeypatc
     given = ["otter", "--team", "usv", "--of", "lost", "--set", "usv.lost_distance=9", *SHORT, "--effort", "160"]
     told = tmp_path / "odds.json"
     command.main([*given, "--relative", "0.5", "--quiet", "--json", str(told)])
+    assert sum(issubclass(type(one), Mission) for one in gc.get_objects()) <= 1  # those of all repeats are gone
     text, figures = capsys.readouterr().out, json.loads(told.read_text())["usv"]
     assert "usv lost in otter, classical:" in text and "95 % interval" in text
     assert figures["probability"] == pytest.approx(np.mean(figures["repeats"]))

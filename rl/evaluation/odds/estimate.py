@@ -4,6 +4,7 @@ Each repeat has a mission of its own: other tracks, seas, starts, vehicles and n
 the interval covers all that differs between episodes.
 """
 
+import gc
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,7 +17,17 @@ from tqdm import tqdm
 
 from rl.evaluation.episodes import mission_class
 from rl.evaluation.odds.paths import EpisodePaths, Moments
-from rl.evaluation.odds.splitting import Floats, Levels, Odds, Repeat, find_levels, no_levels, pooled, repeat
+from rl.evaluation.odds.splitting import (
+    FEWEST_ANCESTORS,
+    Floats,
+    Levels,
+    Odds,
+    Repeat,
+    find_levels,
+    no_levels,
+    pooled,
+    repeat,
+)
 from rl.learn.policy import Policy
 from rl.mission import Mission
 from rl.runs import ranks
@@ -26,9 +37,10 @@ from taichi_sim.kernels import runtime
 from taichi_sim.state.memory import StateError
 
 POOL = 256  # worlds and seas of each repeat, from which its episodes draw
-SLOTS = 256  # environments that run at once
+SLOTS = 128  # environments that run at once; more of them wait idly for the last path of a level
 REPEATS = 20  # the fewest; their spread says how many more are needed
 MOST = 400  # repeats
+SURPLUS = 1.5  # times `FEWEST_ANCESTORS`, for which further repeats are planned; assumed
 BRANCH = 40  # decisions after which copies with noise of their own must differ, if anything is drawn
 
 
@@ -162,11 +174,14 @@ class Answer:
         return pooled([part.repeat for part in self.parts], levels.levels, levels.cost)
 
     def more(self, relative: float) -> int:
-        """Repeats beyond the first that a standard error of `relative` p needs."""
+        """Repeats beyond the first that a standard error of `relative` p and an interval need."""
         odds = self.odds
-        if not odds.p > 0 or odds.relative <= relative:
+        if not odds.p > 0:
             return 0
-        return min(MOST, math.ceil(odds.repeats * (odds.relative / relative) ** 2)) - odds.repeats
+        times = max(1.0, (odds.relative / relative) ** 2)
+        if odds.decided:
+            times = max(times, SURPLUS * FEWEST_ANCESTORS / odds.effective)
+        return min(MOST, math.ceil(odds.repeats * times)) - odds.repeats
 
 
 def find_odds(
@@ -205,6 +220,7 @@ def _run(answer: Answer, numbers: range, bar: tqdm) -> None:
         for number in numbers[place.rank :: place.count]:
             bar.set_postfix_str(f"repeat {number} of {numbers[-1]}{_so_far(answer)}")
             parts.append(one(answer.question, answer.pilot.levels, answer.effort, number, bar.update))
+            gc.collect()  # a mission refers to itself; without this, those of many repeats stay in memory
             if place.count == 1:
                 answer.parts.append(parts[-1])
         return parts

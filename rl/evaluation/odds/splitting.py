@@ -29,7 +29,7 @@ from scipy import stats
 
 HAPPENED = math.inf  # importance of the event, and its level
 NEW = -1  # state of a path that begins
-SHARE = 0.1  # of paths that are to pass a level
+SHARE = 0.2  # of paths that are to pass a level
 MOST_LEVELS = 60  # that a pilot looks for
 COMMON = 5e-3  # probability above which paths from beginnings alone cost less than levels; assumed
 FEWEST_ANCESTORS = 10.0  # effective number of beginnings below which no interval is given; assumed
