@@ -4,7 +4,8 @@ Runs of one scenario with different training seeds are also judged together, in 
 draw episodes, each with the results of all runs.
 
 If an oracle's episodes are stored for the scenario (tools/oracle.py), the policies run them too. A second table gives
-the share of the headroom between classical controller and oracle that they take.
+the share of the headroom between classical controller and oracle that they take. A third has the odds of failures that
+`taichi-sim odds RUN` has found for the runs.
 """
 
 import argparse
@@ -49,6 +50,8 @@ def main(argv: list[str] | None = None) -> None:
     print(table(found, kinds))
     if taken:
         print("\n" + headroom_table(taken, kinds))
+    if odds := odds_table(args.runs):
+        print("\n" + odds)
 
 
 def on_bounds(run: Path, args: argparse.Namespace) -> dict[str, tuple[Any, Any]]:
@@ -91,6 +94,16 @@ def headroom_table(taken: dict[tuple[str, str], tuple[Any, list[Any]]], kinds: d
             cells.append(text)
         lines.append(f"| `{name}`, {team} | {' | '.join(cells)} |")
     return "\n".join(lines)
+
+
+def odds_table(runs: list[Path]) -> str:
+    """Markdown: the odds of failures that `taichi-sim odds` has stored in the folders of `runs`; empty without any."""
+    from rl.evaluation.report.odds import HEAD, row
+    from rl.evaluation.store import load_odds
+
+    rows = [[run.name, *row(of)] for run in runs for of in load_odds(run)]
+    lines = [("run", *HEAD), ["---"] * (1 + len(HEAD)), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines) if rows else ""
 
 
 def contest(run: Path, args: argparse.Namespace, classical: dict[str, Any]) -> tuple[Any, Any, Any, Any]:

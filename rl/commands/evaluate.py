@@ -94,12 +94,7 @@ def evaluate(args: argparse.Namespace) -> None:
             run_folder.write_json(args.json, outcome.result)
         else:
             print(json.dumps(outcome.result, indent=2))
-        if args.policy or not shared.is_run(args.run):  # a run's folder holds what its own policies did
-            return
-        try:
-            save_evaluation(args.run, outcome, args.config, args.overrides)
-        except OSError as error:  # the folder may be read-only
-            print(f"not stored for a report or --worst: {error}", file=sys.stderr)
+        shared.store(args, lambda outcome=outcome: save_evaluation(args.run, outcome, args.config, args.overrides))
 
 
 def sweep(args: argparse.Namespace) -> None:

@@ -70,6 +70,7 @@ def odds(args: argparse.Namespace) -> None:
     from rl.evaluation.odds.film import likeliest, record
     from rl.evaluation.odds.report import as_json, text
     from rl.evaluation.record import output_of
+    from rl.evaluation.store import save_odds
     from rl.runs import folder as run_folder
     from rl.runs import ranks
     from taichi_sim.visualisation.film.files import check_film, write_film
@@ -94,6 +95,7 @@ def odds(args: argparse.Namespace) -> None:
                 continue
             answers[team], line = as_json(answer), likeliest(answer)
             print(text(answer))
+            shared.store(args, lambda told=answers[team]: save_odds(args.run, told, args.config, args.overrides))
             if args.json:
                 run_folder.write_json(args.json, answers)
             if answer.interrupted is not None:

@@ -197,6 +197,16 @@ def tell_unnamed(policies) -> None:
             print(f"{policy.source}: {told}", file=sys.stderr)
 
 
+def store(args: argparse.Namespace, save: Callable[[], object]) -> None:
+    """Store what a run's own policies did in its folder, where RUN is one."""
+    if args.policy or not is_run(args.run):
+        return
+    try:
+        save()
+    except OSError as error:  # the folder may be read-only
+        print(f"not stored for a report or --worst: {error}", file=sys.stderr)
+
+
 def open_both(args: argparse.Namespace):
     """Start Taichi; return the controllers that a sweep of `args.run` compares."""
     from rl.evaluation.sweeps import Contest

@@ -3,12 +3,13 @@
 evaluation/policy.json, classical.json     figures; of each episode: its numbers, its conditions, how vehicles ended
 evaluation/policy.npz, classical.npz       the worst and the median episode, and collisions (episode_log.py)
 evaluation/headroom.json                   the policies' numbers on an oracle's episodes (headroom.py)
+evaluation/odds.json                       the odds of endings: the last ones of each question (odds/report.py)
 """
 
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,7 @@ from rl.runs import folder as run_folder
 from rl.runs.folder import EvaluationResult, Meta, RunError, Summary
 from rl.scenario import Scenario
 
-FOLDER, HEADROOM = "evaluation", "headroom.json"
+FOLDER, HEADROOM, ODDS = "evaluation", "headroom.json", "odds.json"
 FILM = "episode.webp"  # of the recorded episode
 CONTROLLERS = ("policy", "untrained", "classical", "oracle", "honest")
 
@@ -63,7 +64,7 @@ def save_evaluation(
     """Store an evaluation in a run's folder; it replaces the previous one of the same controller."""
     file = _file(run, outcome.result["controller"])
     file.parent.mkdir(exist_ok=True)
-    made = {"config": None if config is None else str(Path(config).resolve()), "set": list(overrides)}
+    made = conditions(config, overrides)
     save_log(log_file(run, outcome.result["controller"]), outcome.shown, outcome.crashes)
     run_folder.write_json(
         file,
@@ -75,6 +76,26 @@ def save_evaluation(
             "ends": [end._asdict() for end in outcome.ends],
         },
     )
+
+
+def conditions(config: Path | None, overrides: Sequence[str]) -> dict[str, Any]:
+    """`EvaluationConditions` of --config and --set, for JSON."""
+    return {"config": None if config is None else str(Path(config).resolve()), "set": list(overrides)}
+
+
+def save_odds(run: Path, figures: Mapping[str, Any], config: Path | None, overrides: Sequence[str]) -> None:
+    """Store odds (odds/report.py) in a run's folder; they replace those of the same question."""
+    (run / FOLDER).mkdir(exist_ok=True)
+    one = {**figures, "under": conditions(config, overrides)}
+    asked = ("team", "ending", "controller", "under")
+    kept = [other for other in load_odds(run) if any(other[key] != one[key] for key in asked)]
+    run_folder.write_json(run / FOLDER / ODDS, [*kept, one])
+
+
+def load_odds(run: Path) -> list[dict[str, Any]]:
+    """The odds that `save_odds` stored; empty without a file."""
+    file = run / FOLDER / ODDS
+    return run_folder.read_json(file, list) if file.is_file() else []
 
 
 def load_evaluation(run: Path, controller: str) -> StoredEvaluation | None:
@@ -91,8 +112,8 @@ def load_evaluation(run: Path, controller: str) -> StoredEvaluation | None:
         made, arrays = content.pop("conditions"), _arrays(content.pop("of_each_episode"))
         each = {key: np.array(of) for key, of in content.pop("conditions_of_each_episode", {}).items()}
         ends = [End(**end) for end in content.pop("ends", [])]
-        conditions = EvaluationConditions(made["config"], tuple(made["set"]))
-        return StoredEvaluation(EvaluationResult(**content), conditions, arrays, each, ends)
+        under = EvaluationConditions(made["config"], tuple(made["set"]))
+        return StoredEvaluation(EvaluationResult(**content), under, arrays, each, ends)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise RunError(f"{file}: not a stored evaluation ({error!r}); evaluate again") from None
 
@@ -163,6 +184,7 @@ class Run(NamedTuple):
     histories: Histories
     evaluations: dict[str, StoredEvaluation]  # by controller
     headroom: dict[str, dict[str, NDArray[np.float64]]]  # team -> numbers on the oracle's episodes (headroom.py)
+    odds: list[dict[str, Any]]  # of endings (odds/report.py)
     shown: dict[str, Excerpt]  # of the policy
     crashes: list[Crash]  # of the policy
     sweeps: dict[str, SweepTable | None]  # name -> sweep.json; None: not finished
@@ -203,6 +225,7 @@ def read_run(folder: Path) -> Run:
         histories={team: team_history(folder / team) for team in teams},
         evaluations={controller: of for controller, of in found.items() if of is not None},
         headroom=load_headroom(folder),
+        odds=load_odds(folder),
         shown=shown,
         crashes=crashes,
         sweeps={s.name: _sweep(s / JSON) for s in sweeps if s.is_dir()},

@@ -15,6 +15,8 @@ from rl.evaluation.odds import splitting
 from rl.evaluation.odds.estimate import Answer, Part, Pilot, Question, check
 from rl.evaluation.odds.paths import EpisodePaths
 from rl.evaluation.odds.splitting import HAPPENED, Levels, Repeat, find_levels, pooled, repeat
+from rl.evaluation.report.odds import row
+from rl.evaluation.store import load_odds, save_odds
 from rl.mission import Mission
 from rl.missions import load_scenario
 from rl.missions.formation.team import TeamTask
@@ -221,6 +223,22 @@ def test_the_command_tells_keeps_and_repeats(small, tmp_path, capsys, monkeypatc
     out = tmp_path / "failure.rrd"
     command.main([*given, "--again", str(told), "--out", str(out), "--quiet"])
     assert out.stat().st_size > 1000 and str(out) in capsys.readouterr().out
+
+
+def test_a_run_keeps_its_odds_and_its_report_shows_them(tmp_path):
+    """One row for each question: an answer replaces that of the same question."""
+    told = {
+        "team": "usv", "ending": "lost", "controller": "policy", "probability": 2e-5, "low": 1e-5, "high": 4e-5,
+        "per_hour": 8e-4, "beginnings": 10240, "levels": [-1.0, "lost"],
+        "conditions": [{"condition": "current, m/s", "begins": 0.3, "ends": 0.4,
+                         "ratio": 2.0, "low": 1.5, "high": 3.0}],
+    }  # fmt: skip
+    for p, overrides in ((1e-5, ()), (2e-5, ()), (None, ("sea.hs=2",))):
+        save_odds(tmp_path, {**told, "probability": p}, None, overrides)
+    first, second = (row(of) for of in load_odds(tmp_path))
+    assert first == ["usv lost, policy", "2.00e-05 (1.00e-05 to 4.00e-05)", "0.0008", "10240",
+                     "current, m/s 0.3 to 0.4: 2"]  # fmt: skip
+    assert second[:3] == ["usv lost, policy --set sea.hs=2", "no figure: decided at the start", "-"]
 
 
 def test_what_has_no_odds_is_refused_by_name(small, monkeypatch):

@@ -79,7 +79,8 @@ def test_a_report_says_what_is_missing_and_how_to_make_it(run, here):
     ending = here("rl.commands.report", run)
     assert ending.status == 0, ending.err
     page = (run / "report.html").read_text()
-    for words in ("training is not finished", f"taichi-sim evaluate {run}", "--sweep default", "--resume",
+    for words in ("training is not finished", f"taichi-sim odds {run} --of collided",
+                  f"taichi-sim evaluate {run}", "--sweep default", "--resume",
                   "<li>usv.spacing: 6.0 -&gt; 9.0, by length</li>"):  # fmt: skip
         assert words in page, words
 

@@ -1,6 +1,6 @@
 """A run as one self-contained HTML file without scripts.
 
-about.py, failures.py and episodes.py make the parts of the page.
+about.py, failures.py, odds.py and episodes.py make the parts of the page.
 """
 
 from collections.abc import Sequence
@@ -28,6 +28,7 @@ def write_report(folders: Sequence[Path], out: Path | None = None) -> Path:
     from rl.evaluation.report.about import about, configuration, curves, figures, possible, sweeps
     from rl.evaluation.report.episodes import collisions, shown_episodes
     from rl.evaluation.report.failures import failures
+    from rl.evaluation.report.odds import odds
     from taichi_sim.visualisation.plotting.page import beside, page, paragraph, photograph, section, style
 
     runs = [read_run(folder) for folder in folders]
@@ -40,11 +41,9 @@ def write_report(folders: Sequence[Path], out: Path | None = None) -> Path:
             section("Learning", curves(runs)),
             section("Figures", figures(runs[0], other)),
             *(section(_titled("When it fails", run, other), failures(run)) for run in runs),
+            *(section(_titled("Odds of failures", run, other), odds(run)) for run in runs),
             *(section(_titled("What is possible", run, other), possible(run)) for run in runs),
-            *(
-                section(_titled("Sweeps", run, other), sweeps(run, other if run is runs[0] else None))
-                for run in runs
-            ),
+            *(section(_titled("Sweeps", run, other), sweeps(run, other if run is runs[0] else None)) for run in runs),
             *(section(_titled("Two episodes", run, other), shown_episodes(run)) for run in runs),
             *(section(_titled("Collisions", run, other), collisions(run)) for run in runs),
             *(section(_titled("Configuration", run, other), configuration(run)) for run in runs),
