@@ -19,6 +19,7 @@ Data of a team are torch tensors [env, vehicle, ...]. One decision has these pha
 
 import inspect
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import reduce
 from operator import or_
@@ -96,7 +97,7 @@ class Frame(NamedTuple):
     overlays: tuple[Overlay, ...] = ()
 
 
-class Mission(Stateful, Generic[C, T]):
+class Mission(Stateful, ABC, Generic[C, T]):
     """A mission in `num_envs` environments; see the module.
 
     Class attributes: `Config`, the scenario class, derived from `Scenario`; `Teams`, name -> class of a team; `Team`,
@@ -188,12 +189,12 @@ class Mission(Stateful, Generic[C, T]):
     def prepare(self) -> None:
         """Make what all episodes share (tracks, obstacles, starts), once, before the first `reset`."""
 
+    @abstractmethod
     def begin(self, envs: Tensor, **where: Tensor) -> None:
         """Place the vehicles of environments `envs` [n], whose sea, time and wind have been drawn (`world.place`).
 
         `where` holds the additional keyword arguments of `reset`.
         """
-        raise NotImplementedError
 
     def move(self, due: Due) -> None:
         """Move everything that is not a vehicle, after the world has stepped."""

@@ -6,7 +6,8 @@ scripted teams, but neither trains nor judges them.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Self, TypeVar
@@ -51,7 +52,7 @@ A = TypeVar("A")
 _vehicles: Mapping[str, Vehicle] = {}  # of the world of which a copy is being made, by team
 
 
-class Script(Remembers):
+class Script(Remembers, ABC):
     """Contract of a script, which commands the team `name` of a world.
 
     State that it keeps between steps is saved and copied with the world; memory.py explains how.
@@ -67,9 +68,9 @@ class Script(Remembers):
         Sea, time, current and wind of these environments have been drawn. Default: the vehicles stay where they are.
         """
 
+    @abstractmethod
     def __call__(self, world: "World") -> ArrayLike | torch.Tensor:
         """Actions [env, vehicle, action] in [-1, 1] for the coming step."""
-        raise NotImplementedError
 
 
 class World(Stateful):
@@ -219,7 +220,9 @@ class World(Stateful):
         self._variation.add(fleet)
         if section.script is not None:
             try:
-                kind = load_class(section.script, Script, [source.parent] if source else [])
+                kind: Callable[[World, str], Script] = load_class(
+                    section.script, Script, [source.parent] if source else []
+                )
             except ConfigError as error:
                 raise ConfigError(f"{name}.script = {error}") from None
             self.scripts[name] = kind(self, name)

@@ -47,12 +47,12 @@ def test_a_database_comes_back_as_it_was_written(tmp_path):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (lambda d: d.pop("damping"), "key 'damping' is missing"),
-        (lambda d: d["added_mass"].pop(), "key 'added_mass' has shape"),
-        (lambda d: d["omega"].reverse(), "key 'omega' must rise"),
-        (lambda d: d["excitation_re"][0][0].__setitem__(0, None), "key 'excitation_re'"),
-        (lambda d: d.update(format="1"), "key 'format'"),
-        (lambda d: d.update(rho=-1.0), "key 'rho' must be above 0"),
+        (lambda d: d.pop("damping"), "damping: missing"),
+        (lambda d: d["added_mass"].pop(), "added_mass has 49 entries, and omega 50"),
+        (lambda d: d["omega"].reverse(), "omega must rise"),
+        (lambda d: d["excitation_re"][0][0].__setitem__(0, None), "excitation_re.0.0.0 = None"),
+        (lambda d: d.update(format="1"), "format = '1'"),
+        (lambda d: d.update(rho=-1.0), "rho = -1.0: input should be greater than 0"),
     ],
 )
 def test_what_is_wrong_with_a_file_is_named(tmp_path, change, says):

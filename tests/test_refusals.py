@@ -7,25 +7,25 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 RAISE = re.compile(r"^\s*raise\b", re.MULTILINE)
 MOST = {
-    "rl": 12,
+    "rl": 11,
     "rl/adapters": 31,
     "rl/commands": 36,
     "rl/evaluation": 27,
-    "rl/guidance": 14,
+    "rl/guidance": 11,
     "rl/learn": 40,
     "rl/missions": 36,
     "rl/planning": 3,
     "rl/runs": 32,
-    "taichi_sim": 28,
-    "taichi_sim/applications": 183,
+    "taichi_sim": 27,
+    "taichi_sim/applications": 175,
     "taichi_sim/config": 68,
     "taichi_sim/kernels": 13,
-    "taichi_sim/models": 55,
+    "taichi_sim/models": 37,
     "taichi_sim/randomisation": 4,
-    "taichi_sim/state": 26,
+    "taichi_sim/state": 25,
     "taichi_sim/surroundings": 102,
     "taichi_sim/visualisation": 36,
-    "tools": 41,
+    "tools": 40,
 }
 """Folder -> its `raise` statements; lower a number with each that goes."""
 INNER = {"PacketError": "a packet is dropped, and counted", "_HappenedError": "ends a loop"}

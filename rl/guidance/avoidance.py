@@ -34,6 +34,7 @@ with it. Frame: NED.
 # pyright: reportInvalidTypeForm=false, reportOptionalCall=false, reportIndexIssue=false
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import ClassVar, NamedTuple
 
@@ -93,7 +94,7 @@ class Wanted(NamedTuple):
     velocity: Tensor  # [env, vehicle, 2 or 3] v*, NED, m/s
 
 
-class SlotController(Remembers):
+class SlotController(Remembers, ABC):
     """A classical controller that holds slots, in two steps between which a residual policy may correct it.
 
     `Gains` is the class of its gains; `gains` are those that it was built from.
@@ -102,21 +103,21 @@ class SlotController(Remembers):
     Gains: ClassVar[type[AvoidanceGains]]
     gains: AvoidanceGains
 
+    @abstractmethod
     def __init__(self, model: Vehicle, gains: AvoidanceGains | None = None):
         """Compute what follows from the parameters of `model` and the `gains` (default: those of `Gains`)."""
-        raise NotImplementedError
 
     def __call__(self, team: Knowledge) -> Tensor:
         """Actions [env, vehicle, action] in [-1, 1]."""
         return self.act(team, self.wanted(team))
 
+    @abstractmethod
     def wanted(self, team: Knowledge) -> Wanted:
         """The velocity command that leads to the slots, and what else the controller adds to it."""
-        raise NotImplementedError
 
+    @abstractmethod
     def act(self, team: Knowledge, wanted: Wanted) -> Tensor:
         """Actions [env, vehicle, action] in [-1, 1] that follow the command."""
-        raise NotImplementedError
 
 
 @ti.func

@@ -2,6 +2,7 @@
 
 import difflib
 import re
+import reprlib
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, TypeGuard
 
@@ -13,6 +14,8 @@ from taichi_sim.config.world import TeamConfig, WorldConfig
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
+SHORT = reprlib.Repr()  # shows a value of a file
+SHORT.maxlist, SHORT.maxstring, SHORT.maxother, SHORT.maxlevel = 12, 400, 400, 3
 SLIP = 0.75  # similarity (difflib) from which an unknown key counts as a misspelling of a known one
 
 
@@ -78,7 +81,7 @@ def _in_words(item: "ErrorDetails", key: str, model: type[BaseModel]) -> str:
     if not key or isinstance(item["input"], dict | BaseModel):
         return f"{key}: {message}" if key else message
     given = list(item["input"]) if isinstance(item["input"], tuple) else item["input"]
-    return f"{key} = {given!r}: {message[0].lower()}{message[1:]}"
+    return f"{key} = {SHORT.repr(given)}: {message[0].lower()}{message[1:]}"
 
 
 def _is_no_team(item: "ErrorDetails", model: type[BaseModel]) -> bool:

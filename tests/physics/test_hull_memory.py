@@ -214,7 +214,7 @@ def test_a_memory_that_would_make_energy_is_refused(tmp_path):
         Memory([1.0, 2.0], [[0.5, 2.0], [2.0, 0.5]], np.ones((2, 6)))
     text = BARGE.read_text().replace('"memory_damping": [[', '"memory_damping": [[-')
     (tmp_path / "bad.hydro.json").write_text(text)
-    with pytest.raises(ConfigError, match=r"bad.hydro.json: key 'memory_damping': .* would make energy"):
+    with pytest.raises(ConfigError, match=r"bad.hydro.json: memory_damping: .* would make energy"):
         HydroDatabase.read(tmp_path / "bad.hydro.json")
 
 
@@ -223,7 +223,7 @@ def test_a_database_of_another_hull_or_of_other_water_is_refused(make_model, ben
         make_model("barge", hydrodynamics=POTENTIAL, thrusters=None, hull={"draft": 0.4})
     with pytest.raises(ConfigError, match="needs a database"):
         make_model("barge", hydrodynamics={"radiation": "memory", "database": None})
-    with pytest.raises(ConfigError, match=r"gone.hydro.json: there is no such file: a copy of a vehicle needs"):
+    with pytest.raises(ConfigError, match=r"gone.hydro.json.; a copy of a vehicle needs"):
         make_model("barge", hydrodynamics=POTENTIAL | {"database": "gone.hydro.json"}, thrusters=None)
     shallow = Sea(Components(*(np.full((1, 1), v) for v in (0.0, 1.0, 1.0, 0.0, 0.0))), 1.2)
     with pytest.raises(ConfigError, match="the water is 1.2 m deep, the hydrodynamic database of the hull is of deep"):

@@ -8,6 +8,7 @@ A simulator of your own derives from `Simulator`. The classes below say which nu
 
 import math
 import sys
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -38,7 +39,7 @@ Array = NDArray[np.float64]
 PUBLISHED = "https://github.com/cybergalactic/PythonVehicleSimulator"
 
 
-class Simulator:
+class Simulator(ABC):
     """The contract of a simulator that moves vehicles in the place of our model. NED, b, SI, radians
     (taichi_sim/kernels/conventions.py).
 
@@ -54,13 +55,13 @@ class Simulator:
         """
         self.model = model
 
+    @abstractmethod
     def advance(self, fleet: Fleet, around: Surroundings) -> Array:
         """Move the vehicles by one control step; return their states [env * vehicle, 13].
 
         `fleet` (taichi_sim/fleet.py) holds states and actions. A simulator may keep state of its own in `fleet.aux`,
         which our model resets at the beginning of an episode. `around.current` [env, 2] is the water's velocity, m/s.
         """
-        raise NotImplementedError(f"{type(self).__name__} has no advance (tools/simulators/__init__.py)")
 
 
 def exact_states(fleet: Fleet) -> torch.Tensor:

@@ -9,6 +9,7 @@ Launch, touchdown and ditching are passages: velocity and attitude change at con
 """
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -83,7 +84,7 @@ class Moment(NamedTuple):
         return Moment(time, found[0], q / np.linalg.norm(q), *found[2:])
 
 
-class Driven:
+class Driven(ABC):
     """Vehicle `number` of environment `env` of a fleet; a derived class steps it.
 
     Around a step, a derived class calls `keep` and then `happen`. If the vehicle was held, it updates the fleet then.
@@ -118,39 +119,39 @@ class Driven:
     # -- what a derived class gives --------------------------------------------------------------------------------
 
     @property
+    @abstractmethod
     def fleet(self) -> Fleet[Vehicle]:
         """The fleet."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def waters(self) -> Waters:
         """What the model's endings ask."""
-        raise NotImplementedError
 
+    @abstractmethod
     def settled(self, state: Tensor) -> Tensor:
         """`Vehicle.settle` of this vehicle's `state` [1, 1, 13]."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def steady_wind(self) -> Tensor:
         """Velocity of the air that a vessel feels [3], NED, m/s."""
-        raise NotImplementedError
 
+    @abstractmethod
     def begin(self, rate: int) -> None:
         """Place the vehicle at its beginning, for frames of `rate` Hz."""
-        raise NotImplementedError
 
+    @abstractmethod
     def change_rate(self, rate: int) -> None:
         """Continue with frames of another rate, Hz; motion and time stay."""
-        raise NotImplementedError
 
+    @abstractmethod
     def advance(self, pwm: tuple[int, ...]) -> None:
         """Advance by one frame under the servo outputs `pwm` (microseconds), at once or as soon as it can be done."""
-        raise NotImplementedError
 
+    @abstractmethod
     def sensors(self) -> Sensors:
         """Measurements at the end of the last frame; the specific force is the mean over that frame."""
-        raise NotImplementedError
 
     @property
     def ready(self) -> bool:

@@ -12,25 +12,96 @@ The file identifies its hull by `hull_hash`, so that a database of another hull 
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ConfigDict, Field, FiniteFloat
 
-from taichi_sim.config import ConfigError
+from taichi_sim.config import ConfigError, Positive, Strict
+from taichi_sim.config.io import validate
 from taichi_sim.models.usv.hull.mesh import Panels
 from taichi_sim.models.usv.hull.radiation_memory import Memory
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-FORMAT = "taichi-sim hydrodynamics 1"
 SUFFIX = ".hydro.json"
 MICROMETRES = 1e6  # per metre; grid on which corners are compared
 FEWEST = 4  # frequencies, at least
 DIGITS = 6  # significant digits of the numbers in a file
+RADIATION = ("added_mass", "damping", "added_mass_inf")
+Headings = Annotated[tuple[Annotated[float, Field(ge=0, le=360)], ...], Field(min_length=1)]
+Modes = Annotated[tuple[FiniteFloat, ...], Field(min_length=6, max_length=6)]
+Modes6 = Annotated[tuple[Modes, ...], Field(min_length=6, max_length=6)]
+Level = Annotated[tuple[FiniteFloat, ...], Field(min_length=3, max_length=3)]
+Frequency = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+FORMAT = Literal["taichi-sim hydrodynamics 1"]
+
+
+class _File(Strict):
+    """The keys of a file: complex numbers as two tables, and the memory (radiation_memory.py) as three."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    format: FORMAT
+    hull: str
+    code: str
+    settings: dict[str, object] = {}
+    rho: Positive
+    g: Positive
+    depth: Positive | None = None
+    volume: Positive
+    omega: Annotated[tuple[Frequency, ...], Field(min_length=FEWEST)]
+    heading_deg: Headings
+    stiffness: Modes6
+    added_mass_inf: Modes6
+    added_mass: tuple[Modes6, ...]
+    damping: tuple[Modes6, ...]
+    excitation_re: tuple[tuple[Modes, ...], ...]
+    excitation_im: tuple[tuple[Modes, ...], ...]
+    froude_krylov_re: tuple[tuple[Modes, ...], ...]
+    froude_krylov_im: tuple[tuple[Modes, ...], ...]
+    drift: tuple[tuple[Level, ...], ...] | None = None
+    by_panels_re: tuple[tuple[Modes, ...], ...] | None = None
+    by_panels_im: tuple[tuple[Modes, ...], ...] | None = None
+    memory_frequency: tuple[Frequency, ...] | None = None
+    memory_damping: tuple[tuple[FiniteFloat, ...], ...] = ()
+    memory_shape: tuple[Modes, ...] = ()
+    memory_inf: Modes6 | None = None
+
+    @property
+    def memory(self) -> Memory | None:
+        """The fitted memory, if there is one."""
+        if self.memory_frequency is None:
+            return None
+        return Memory(np.array(self.memory_frequency), np.array(self.memory_damping), np.array(self.memory_shape))
+
+    def _mistakes(self) -> Iterator[str]:
+        for key in ("omega", "heading_deg"):
+            if np.any(np.diff(getattr(self, key)) <= 0):
+                yield f"{key} must rise"
+        n, m = len(self.omega), len(self.heading_deg)
+        for key in ("added_mass", "damping"):
+            if len(getattr(self, key)) != n:
+                yield f"{key} has {len(getattr(self, key))} entries, and omega {n}"
+        for key in ("excitation", "froude_krylov", "drift", "by_panels"):
+            for name in (key,) if key == "drift" else (f"{key}_re", f"{key}_im"):
+                table = getattr(self, name)
+                if [len(row) for row in table or ()] != ([m] * n if table is not None else []):
+                    yield f"{name} is not of {n} frequencies (omega) and {m} headings (heading_deg)"
+        if (self.by_panels_re is None) != (self.by_panels_im is None):
+            yield "by_panels_re, by_panels_im: give both, or neither"
+        count = len(self.memory_frequency or ())
+        if [count] * count != [len(row) for row in self.memory_damping] or count != len(self.memory_shape):
+            yield f"memory_damping, memory_shape are not of {count} frequencies (memory_frequency)"
+        try:
+            _ = self.memory
+        except ValueError as error:
+            yield f"memory_damping: {error}"
 
 
 def database_file(vehicle_file: Path) -> Path:
@@ -96,19 +167,27 @@ class HydroDatabase:
         """
         try:
             data = json.loads(Path(path).read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            raise ConfigError(
-                f"{path}: there is no such file: a copy of a vehicle needs its database in the same folder; or "
-                'set hydrodynamics.radiation = "constant"'
-            ) from None
-        except (OSError, UnicodeDecodeError) as error:
-            raise ConfigError(f"{path}: cannot be read: {error}") from None
-        except ValueError as error:
-            raise ConfigError(f"{path}: not valid JSON: {error}") from None
-        try:
-            return _parsed(data)
-        except ValueError as error:
-            raise ConfigError(f"{path}: {error}") from None
+        except (OSError, ValueError) as error:
+            why = "" if Path(path).is_file() else (
+                "; a copy of a vehicle needs its database in the same folder, or hydrodynamics.radiation = \"constant\""
+            )  # fmt: skip
+            raise ConfigError(f"{path}: cannot be read: {error}{why}") from None
+        given = validate(_File, data, str(path))
+
+        def array(key: str) -> Array | None:
+            values = getattr(given, key)
+            return None if values is None else np.array(values, dtype=np.float64)
+
+        def waves(name: str) -> Any:
+            real = array(f"{name}_re")
+            return None if real is None else real + 1j * np.asarray(array(f"{name}_im"))
+
+        return cls(
+            **{key: getattr(given, key) for key in ("hull", "code", "rho", "g", "depth", "volume", "settings")},
+            **{key: array(key) for key in ("omega", "heading_deg", "stiffness", "drift", "memory_inf", *RADIATION)},
+            **{key: waves(key) for key in ("excitation", "froude_krylov", "by_panels")},
+            memory=given.memory,
+        )
 
     def write(self, path: Path) -> None:
         """Write the file with six significant digits, one line per key and one line per frequency."""
@@ -126,7 +205,7 @@ class HydroDatabase:
         if self.memory is not None:
             tables |= {f"memory_{name}": getattr(self.memory, name) for name in ("frequency", "damping", "shape")}
             tables["memory_inf"] = self.added_mass_inf if self.memory_inf is None else self.memory_inf
-        texts: dict[str, object] = {"format": FORMAT, "hull": self.hull, "code": self.code}
+        texts: dict[str, object] = {"format": get_args(FORMAT)[0], "hull": self.hull, "code": self.code}
         texts["settings"] = dict(self.settings)
         lines = [f'"{key}": {json.dumps(value)}' for key, value in texts.items()]
         lines += [f'"{key}": {_text(value)}' for key, value in tables.items()]
@@ -141,92 +220,3 @@ def _text(value: float | NDArray | None) -> str:
         return f"{value + 0.0:.{DIGITS}g}" if value else "0"
     between = ",\n  " if np.ndim(value) >= 3 else ","
     return "[" + between.join(map(_text, np.asarray(value))) + "]"
-
-
-def _parsed(data: object) -> HydroDatabase:
-    """Convert decoded JSON; a ValueError names the key."""
-    if not isinstance(data, dict) or data.get("format") != FORMAT:
-        raise ValueError(f"key 'format': not {FORMAT!r}, so this is no hydrodynamic database of this version")
-    settings = data.get("settings", {})
-    if not isinstance(settings, dict):
-        raise ValueError("key 'settings' is not an object")
-    omega, heading = _axis(data, "omega"), _axis(data, "heading_deg")
-    if len(omega) < FEWEST:
-        raise ValueError(f"key 'omega' has {len(omega)} frequencies: cubic interpolation needs at least {FEWEST}")
-    if omega[0] <= 0:
-        raise ValueError(f"key 'omega': every frequency must be above 0, the first is {omega[0]:g} rad/s")
-    if heading[0] < 0 or heading[-1] > 360:
-        raise ValueError("key 'heading_deg': headings are from 0 to 360")
-    by_omega, waves = (len(omega), 6, 6), (len(omega), len(heading), 6)
-
-    def waves_of(name: str) -> Complex:
-        return _numbers(data, f"{name}_re", waves) + 1j * _numbers(data, f"{name}_im", waves)
-
-    drift = _numbers(data, "drift", (*waves[:2], 3)) if data.get("drift") is not None else None
-    memory_inf = _numbers(data, "memory_inf", (6, 6)) if data.get("memory_inf") is not None else None
-    by_panels = waves_of("by_panels") if data.get("by_panels_re") is not None else None
-    depth = None if data.get("depth") is None else _positive(data, "depth")
-    return HydroDatabase(
-        _string(data, "hull"), _string(data, "code"),
-        _positive(data, "rho"), _positive(data, "g"), depth, omega, heading,
-        _numbers(data, "added_mass", by_omega), _numbers(data, "damping", by_omega),
-        _numbers(data, "added_mass_inf", (6, 6)), waves_of("excitation"), waves_of("froude_krylov"),
-        _positive(data, "volume"), _numbers(data, "stiffness", (6, 6)), drift, by_panels, _memory(data), memory_inf,
-        settings,
-    )  # fmt: skip
-
-
-def _memory(data: Mapping[str, object]) -> Memory | None:
-    if data.get("memory_frequency") is None:
-        return None
-    count = len(_numbers(data, "memory_frequency", None))
-    frequency = _numbers(data, "memory_frequency", (count,))
-    damping, shape = _numbers(data, "memory_damping", (count, count)), _numbers(data, "memory_shape", (count, 6))
-    if np.any(frequency <= 0):
-        raise ValueError("key 'memory_frequency' must be above 0")
-    try:
-        return Memory(frequency, damping, shape)
-    except ValueError as error:
-        raise ValueError(f"key 'memory_damping': {error}") from None
-
-
-def _entry(data: Mapping[str, object], key: str) -> object:
-    if key not in data:
-        raise ValueError(f"key {key!r} is missing")
-    return data[key]
-
-
-def _string(data: Mapping[str, object], key: str) -> str:
-    value = _entry(data, key)
-    if not isinstance(value, str):
-        raise ValueError(f"key {key!r} is not a text")
-    return value
-
-
-def _numbers(data: Mapping[str, object], key: str, shape: tuple[int, ...] | None) -> Array:
-    """Finite numbers of the given shape (None: one axis of any length)."""
-    try:
-        values = np.array(_entry(data, key), dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        if str(error).startswith("key "):
-            raise
-        raise ValueError(f"key {key!r} is not a table of numbers") from None
-    if (values.ndim != 1 or not values.size) if shape is None else values.shape != shape:
-        raise ValueError(f"key {key!r} has shape {values.shape}, expected {'one axis' if shape is None else shape}")
-    if not np.isfinite(values).all():
-        raise ValueError(f"key {key!r} holds a value that is not finite")
-    return values
-
-
-def _axis(data: Mapping[str, object], key: str) -> Array:
-    values = _numbers(data, key, None)
-    if np.any(np.diff(values) <= 0):
-        raise ValueError(f"key {key!r} must rise")
-    return values
-
-
-def _positive(data: Mapping[str, object], key: str) -> float:
-    value = float(_numbers(data, key, ()))
-    if value <= 0:
-        raise ValueError(f"key {key!r} must be above 0, got {value:g}")
-    return value
