@@ -19,7 +19,7 @@ __version__ = "0.1.0"
 _NAMES = {
     "taichi_sim.surroundings.air": "Wind",
     "taichi_sim.config.arguments": "ActionError",
-    "taichi_sim.applications.bench": "Bench calm_sea",
+    "taichi_sim.bench": "Bench calm_sea",
     "taichi_sim.config": (
         "AirConfig ConfigError CurrentConfig Finite Fraction GustConfig NonNegative Positive Range SeaConfig "
         "Strict SwellConfig TeamConfig WorldConfig"

@@ -1,6 +1,6 @@
 """What type checkers see of taichi_sim/__init__.py."""
 
-from taichi_sim.applications.bench import Bench, calm_sea
+from taichi_sim.bench import Bench, calm_sea
 from taichi_sim.config import (
     AirConfig,
     ConfigError,

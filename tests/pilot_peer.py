@@ -14,7 +14,7 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as kinds
 from sitl_peer import Clock
 
-from taichi_sim.applications.bench import Bench
+from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig, SeaConfig
 from taichi_sim.models.catalogue import load_vehicle
 from taichi_sim.visualisation.recording.east_north_up import FJORD, geodetic

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.applications.bench import Bench
+from taichi_sim.bench import Bench
 from taichi_sim.config.arguments import checked_action, environments, numbers, whole_number
 from taichi_sim.state import snapshot
 from taichi_sim.world import ActionError, World

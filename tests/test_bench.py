@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.applications.bench import Bench, pack_state
+from taichi_sim.bench import Bench, pack_state
 from taichi_sim.config import AirConfig, CurrentConfig, SeaConfig, WorldConfig
 from taichi_sim.models.catalogue import load_vehicle
 from taichi_sim.world import World

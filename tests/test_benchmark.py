@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from rl.commands import shared
-from taichi_sim.applications.trials.step import INTERVAL
+from taichi_sim.applications.trials.step_error import INTERVAL
 from taichi_sim.models.catalogue import MODELS
 from tools.benchmark import peer_lines
 from tools.benchmarking import peers

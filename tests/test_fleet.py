@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from taichi_sim.applications.bench import Bench
+from taichi_sim.bench import Bench
 from taichi_sim.config import ConfigError
 
 pytestmark = pytest.mark.usefixtures("f64")

@@ -36,7 +36,7 @@ LAYERS = (
     ("taichi_sim.randomisation",),
     ("taichi_sim.world",),
     ("taichi_sim.state.divergence",),
-    ("taichi_sim.applications.bench", "taichi_sim.visualisation.recording", "taichi_sim.applications.hydro"),
+    ("taichi_sim.bench", "taichi_sim.visualisation.recording", "taichi_sim.applications.hydro"),
     ("taichi_sim.applications.trials", "taichi_sim.applications.sitl", "taichi_sim.applications.fit"),
     ("taichi_sim.visualisation.film",),
     ("taichi_sim.applications.commands",),
@@ -72,7 +72,7 @@ LAYERS = (
 STRANGERS = (
     {"taichi_sim.surroundings.sea", "taichi_sim.surroundings.air"},
     {"taichi_sim.models.usv", "taichi_sim.models.uav"},
-    {"taichi_sim.applications.bench", "taichi_sim.visualisation.recording"},
+    {"taichi_sim.bench", "taichi_sim.visualisation.recording"},
     {
         "rl.train",
         "rl.commands.evaluate",

@@ -69,6 +69,15 @@ def missing_of_page(path: Path) -> set[str]:
     return links | {name for name in _named(FROM_ROOT, text) if name not in EXISTING}
 
 
+def test_bare_names_in_the_tables_of_the_architecture_are_there():
+    """A name without a folder, in backticks or with an underscore, is a file or a folder of the row's."""
+    rows = re.findall(r"^\| \**`.*", (ROOT / "docs/architecture.md").read_text(encoding="utf-8"), re.MULTILINE)
+    found = re.findall(r"`([a-z]\w+)`|\b([a-z]+_\w+)\b", "\n".join(rows))
+    named = {name for names in found for name in names if name}
+    known = {part.removesuffix(".py") for path in EXISTING if path.endswith(".py") for part in path.split("/")}
+    assert named - known == set()
+
+
 def test_named_files_are_there():
     sources = chain.from_iterable((ROOT / folder).rglob("*.py") for folder in SOURCES)
     pages = [ROOT / name for name in ("README.md", "CONTRIBUTING.md")]

@@ -9,7 +9,7 @@ import pytest
 import torch
 from refusal import assert_says
 
-from taichi_sim.applications.bench import Bench, pack_state
+from taichi_sim.bench import Bench, pack_state
 from taichi_sim.config import ConfigError
 from taichi_sim.config.plugins import imported_from, load_class, plugin_source
 from taichi_sim.models.catalogue import load_vehicle

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from test_recording import column, elevation, make_episode, rows
 
 from rl.evaluation.episode_log import EVENTS
-from rl.evaluation.record import _stalls, record_episode
+from rl.evaluation.episode_recording import _stalls, record_episode
 from rl.missions import load_scenario
 from rl.missions.formation.mission import TeamTask
 from taichi_sim.kernels import runtime

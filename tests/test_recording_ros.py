@@ -16,7 +16,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability
 from test_recording import make_episode
 
-from rl.evaluation.record import output_of
+from rl.evaluation.episode_recording import output_of
 from rl.runs.folder import RunError
 from taichi_sim.visualisation.recording import Episode, Force
 from taichi_sim.visualisation.recording.east_north_up import ecef, from_geodetic, geodetic

@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from test_recording import column, elevation, make_episode, rows
 
-from rl.evaluation.record import events_of
+from rl.evaluation.episode_recording import events_of
 from rl.mission import Endings
 from taichi_sim.models.usv.hull.mesh import BoxHull, TwinPontoons, mesh
 from taichi_sim.vehicle import Vehicle

@@ -11,7 +11,7 @@ import pytest
 import taichi as ti
 import torch
 
-from taichi_sim.applications.bench import Bench
+from taichi_sim.bench import Bench
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.runtime import Launcher
 from taichi_sim.models.catalogue import load_vehicle
@@ -211,7 +211,7 @@ def test_packs_of_an_ended_program_are_freed_without_harm():
 ON_GPU = """
 import torch
 
-from taichi_sim.applications.bench import Bench
+from taichi_sim.bench import Bench
 from taichi_sim.config import SeaConfig
 from taichi_sim.kernels import runtime
 

@@ -7,7 +7,7 @@ import pytest
 
 from taichi_sim.config import SeaConfig
 from taichi_sim.surroundings.sea.measured import records_of
-from taichi_sim.surroundings.sea.measured.record import WaveRecord, direction_grid, normalised
+from taichi_sim.surroundings.sea.measured.wave_record import WaveRecord, direction_grid, normalised
 from taichi_sim.surroundings.sea.spectrum import jonswap, spreading
 from tools import sea_of
 

@@ -19,7 +19,7 @@ from test_recording import column
 from taichi_sim.applications.sitl.ardupilot import PacketError, Session, pack, parse
 from taichi_sim.applications.sitl.channels import Mixer, default_channels, read_channels
 from taichi_sim.applications.sitl.craft import Craft, Servos
-from taichi_sim.applications.sitl.record import CraftRecording, CraftView
+from taichi_sim.applications.sitl.craft_recording import CraftRecording, CraftView
 from taichi_sim.config import AirConfig, ConfigError, GustConfig, SeaConfig
 from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.kernels.rotation import numpy_rotation_matrix

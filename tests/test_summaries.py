@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from rl.missions import load_scenario, make_mission
-from taichi_sim.applications.bench import Bench
+from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig, CurrentConfig, SeaConfig
 from taichi_sim.config.base import number, span
 from taichi_sim.world import World

@@ -29,7 +29,7 @@ def attributes():
 
 
 before = attributes()
-from taichi_sim.applications.bench import Bench
+from taichi_sim.bench import Bench
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.taichi_patches import PATCHES
 
@@ -51,7 +51,7 @@ import sys
 
 import torch
 
-from taichi_sim.applications.bench import Bench
+from taichi_sim.bench import Bench
 from taichi_sim.config import SeaConfig
 from taichi_sim.kernels import runtime
 

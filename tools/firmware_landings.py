@@ -188,7 +188,7 @@ def free_port() -> int:
         return wire.getsockname()[1]
 
 
-class Companion:
+class PolicyFlight:
     """What `taichi-sim pilot` does on the copter, in simulated time; the boat's telemetry is its exact motion.
 
     Attributes:
@@ -198,7 +198,7 @@ class Companion:
     def __init__(self, policies: Mapping[str, Any], mission: Any):
         """Steer the aircraft of a `mission` with one environment (`Landing.piloted`) by one of `policies`."""
         from rl.adapters.pilot.autopilot_link import Link, dialect
-        from rl.adapters.pilot.companion import Pilot
+        from rl.adapters.pilot.companion import Companion
         from rl.adapters.pilot.set_points import orders_of
 
         kinds, name = dialect(), mission.aircraft.name
@@ -207,7 +207,7 @@ class Companion:
         self._links = Link("the copter", self._send), Link("the boat", ignored)
         followed = {mission.boats.fleet.name: [self._links[1]]}
         orders = orders_of(team)
-        self.pilot = Pilot(
+        self.pilot = Companion(
             mission, name, policies[name], orders, [self._links[0]], tell=ignored, followed=followed, disarm=True
         )
         self.pilot.rehearse()
@@ -268,7 +268,7 @@ class Flight:
 
         port = free_port()
         self.instance, self.judge, self.decisions = instance, None, 0
-        self.companion: Companion | None = None
+        self.companion: PolicyFlight | None = None
         self.link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", source_system=255)
         self.script = Script(self.link, soles, height, precision=precision)
         folder.mkdir()
@@ -295,7 +295,7 @@ class Flight:
         self._log.close()
 
 
-def companions(policy: str, config: Any, source: Path, count: int) -> list[Callable[[], Companion]]:
+def companions(policy: str, config: Any, source: Path, count: int) -> list[Callable[[], PolicyFlight]]:
     """What makes companions of the `policy` (a run folder, or a scenario's name), each in one of `count` missions.
 
     Raises:
@@ -313,7 +313,7 @@ def companions(policy: str, config: Any, source: Path, count: int) -> list[Calla
     sea: Any = Landing.piloted(config, name)
     missions = [Landing(sea, 1, seed=config.seed, teams=(name,), source=source)]
     missions += [missions[0]._alike(1) for _ in range(count - 1)]
-    return [partial(Companion, found, mission) for mission in missions]
+    return [partial(PolicyFlight, found, mission) for mission in missions]
 
 
 def land(
@@ -322,7 +322,7 @@ def land(
     source: Path,
     seed: int,
     count: int,
-    steer: Sequence[Callable[[], Companion]] = (),
+    steer: Sequence[Callable[[], PolicyFlight]] = (),
 ) -> list[Any]:
     """The judges of `count` landings, each in an environment of its own, all at once.
 

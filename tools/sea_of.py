@@ -28,7 +28,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from taichi_sim.applications.bench import pack_state
+from taichi_sim.bench import pack_state
 from taichi_sim.config import SeaConfig, WorldConfig
 from taichi_sim.config.io import config_folder, validate
 from taichi_sim.errors import UserError, message, needs

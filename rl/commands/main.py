@@ -32,7 +32,7 @@ SCRIPTS = {  # name -> module, further arguments, description
         "standard trials of a vessel (turning circle, zigzag) or an aircraft",
     ),
     "step": (
-        "taichi_sim.applications.commands.step",
+        "taichi_sim.applications.commands.step_error",
         (),
         "the physics step that a vehicle needs, by the error of its motion",
     ),

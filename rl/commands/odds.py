@@ -66,10 +66,10 @@ def main(argv: list[str] | None = None) -> None:
 def odds(args: argparse.Namespace) -> None:
     """Estimate for one team or each; rank 0 prints and writes."""
     from rl.commands import shared
+    from rl.evaluation.episode_recording import output_of
     from rl.evaluation.odds.estimate import Question, find_odds
     from rl.evaluation.odds.film import likeliest, record
     from rl.evaluation.odds.report import as_json, text
-    from rl.evaluation.record import output_of
     from rl.evaluation.store import save_odds
     from rl.runs import folder as run_folder
     from rl.runs import ranks

@@ -112,7 +112,7 @@ def made(args: argparse.Namespace, addresses, wires, tell):
         ConfigError: for a mission, a team or actions that cannot be piloted.
     """
     from rl.adapters.pilot.autopilot_link import Link
-    from rl.adapters.pilot.companion import Pilot
+    from rl.adapters.pilot.companion import Companion
     from rl.adapters.pilot.set_points import orders_of
     from rl.missions import find_mission
     from taichi_sim.config import ConfigError
@@ -159,7 +159,7 @@ def made(args: argparse.Namespace, addresses, wires, tell):
         )
     heading = None if args.heading is None else math.radians(args.heading)
     origin = None if args.origin is None else Origin(*args.origin)
-    return Pilot(
+    return Companion(
         mission, team, policy, orders, links.pop(team), tell=tell, origin=origin, heading=heading, guided=args.guided,
         progress=not args.quiet, followed=links, disarm=args.disarm,
     )  # fmt: skip

@@ -82,7 +82,7 @@ def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
     from rl.commands import shared
-    from rl.evaluation.record import output_of, record_episode
+    from rl.evaluation.episode_recording import output_of, record_episode
     from rl.evaluation.store import recording_name
     from rl.runs.folder import RunError
     from rl.runs.watch import episode_view, refuse_used

@@ -72,7 +72,7 @@ def main(argv: list[str] | None = None) -> None:
 def serve(args: argparse.Namespace) -> None:
     """Let the world go on until Ctrl-C, or for --duration; then write the recording."""
     from rl.commands import shared
-    from rl.evaluation.record import EpisodeReel, events_of, output_of
+    from rl.evaluation.episode_recording import EpisodeReel, events_of, output_of
     from rl.missions import load_scenario
     from rl.runs.autopilots import decks_for, others, read_autopilots, shared_mission
     from taichi_sim.applications.commands.sitl import logger

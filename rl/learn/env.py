@@ -1,5 +1,5 @@
 """One team of a mission as an environment of rsl-rl: each vehicle of each environment is a row, and all share one
-policy. Further teams may learn in the same environments (companion.py).
+policy. Further teams may learn in the same environments (joint_learner.py).
 """
 
 from collections.abc import Callable, Mapping
@@ -32,7 +32,7 @@ class LearnerStep(NamedTuple):
 
 
 class Learner(Protocol):
-    """A team that learns while another team's runner drives rsl-rl's loop (companion.py)."""
+    """A team that learns while another team's runner drives rsl-rl's loop (joint_learner.py)."""
 
     @property
     def env(self) -> "MissionEnv":
@@ -63,9 +63,9 @@ class Learner(Protocol):
 class MissionEnv(VecEnv):
     """Environment of rsl-rl whose row is `env * vehicles + vehicle`; actions and observations are [row, n].
 
-    The rows act for the learning team. Every other team acts by its frozen policy, or learns in the same episodes as
-    one of the `companions`. When any vehicle's episode ends, its environment resets in the same step. Rows
-    whose own vehicle ended are terminated; the other rows are truncated, which rsl-rl reads from `extras["time_outs"]`.
+    The rows act for the learning team. Every other team acts by its frozen policy, or learns beside it
+    (`joint`). When any vehicle's episode ends, its environment resets in the same step. Rows whose own vehicle ended
+    are terminated; the other rows are truncated, which rsl-rl reads from `extras["time_outs"]`.
 
     The learner gets rewards times `scale`. With scale = 1 - discount, returns have the size of one reward, which a
     value network learns faster. Logs are not scaled.
@@ -76,7 +76,7 @@ class MissionEnv(VecEnv):
     ):
         """Adapt `mission` for the learning `team`, with rewards times `scale`.
 
-        `frozen` holds a policy of each other team; None for the team in whose environment `team` is a companion.
+        `frozen` holds a policy of each other team; None for the team in whose environment `team` learns beside it.
 
         Raises:
             ValueError: if a team has no policy.
@@ -96,7 +96,7 @@ class MissionEnv(VecEnv):
         self.observed(own.observations())
         self.last: Step | None = None
         self.watch: Watch | None = None
-        self.companions: list[Learner] = []
+        self.joint: list[Learner] = []
         steps = torch.randint(mission.config.episode_steps, (mission.num_envs,), generator=mission.generator)
         mission.steps.copy_(steps)
 
@@ -123,7 +123,7 @@ class MissionEnv(VecEnv):
     def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, Extras]:
         """Take one decision in every row; environments whose episodes end begin anew (see the class)."""
         others = {name: policy for name, policy in self.frozen.items() if policy is not None}
-        learners, results = [self, *(companion.env for companion in self.companions)], []
+        learners, results = [self, *(learner.env for learner in self.joint)], []
         self.last = step = self.mission.step(
             {**others, self.team: self.by_env(actions)},
             observe=[learner.team for learner in learners],
@@ -133,8 +133,8 @@ class MissionEnv(VecEnv):
             logs = {learner.team: result.extras["log"] for learner, result in zip(learners, results, strict=True)}
             self.watch(self.mission, step, logs)
         self.observed(step.observations[self.team])
-        for companion, result in zip(self.companions, results[1:], strict=True):
-            companion.take(result, step.observations[companion.env.team])
+        for learner, result in zip(self.joint, results[1:], strict=True):
+            learner.take(result, step.observations[learner.env.team])
         return self.get_observations(), *results[0]
 
     def learner_step(self, step: Step) -> LearnerStep:

@@ -72,7 +72,7 @@ class ProgressLogger(Logger):
     elapsed_before = 0.0  # s, before an interruption and in the team's earlier stages
     steps_before, iterations_before = 0, 0  # in the team's earlier stages
     completed = 0  # iterations
-    companions: Sequence[Learner] = ()  # teams that learn from the same steps (companion.py)
+    joint: Sequence[Learner] = ()  # teams that learn from the same steps (joint_learner.py)
     columns: tuple[str, ...] = COLUMNS
     settling = 0  # next decisions, whose means are left out
 
@@ -97,8 +97,8 @@ class ProgressLogger(Logger):
         Raises:
             KeyboardInterrupt: on all ranks after the same iteration, if a signal is pending on any of them.
         """
-        for companion in self.companions:
-            companion.update()
+        for learner in self.joint:
+            learner.update()
         means = self._means()
         shown, self.completed = means, it + 1
         means = {} if self.settling > 0 else means
@@ -109,7 +109,7 @@ class ProgressLogger(Logger):
                 super().log(it, start_it, total_it, **values)
             self._write_row(it, means, values)
         if self.bar is None:
-            return  # a companion: the driving runner shows progress and handles signals
+            return  # it learns beside another: the driving runner shows progress and handles signals
         self._show(self.bar, shown, values)
         if number := ranks.greatest(signals.pending()):
             raise signals.interruption(number)

@@ -142,8 +142,8 @@ class StageRunner(OnPolicyRunner):
         self.is_distributed = False  # else rsl-rl's loop broadcasts all weights again and prints it
         total = self.stage.iterations
         logger.bar = tqdm(total=total, initial=done - self.first, desc=label, unit="it", disable=not show_progress)
-        for companion in logger.companions:
-            companion.begin()
+        for learner in logger.joint:
+            learner.begin()
         try:
             with signals.deferred(together):
                 self.learn(self.last - done)
@@ -158,8 +158,8 @@ class StageRunner(OnPolicyRunner):
         finally:
             self.is_distributed = together
             logger.bar.close()
-            for companion in logger.companions:
-                companion.end()
+            for learner in logger.joint:
+                learner.end()
             if logger.writer is not None:
                 logger.stop_logging_writer()
 
@@ -168,13 +168,13 @@ class StageRunner(OnPolicyRunner):
         return all(bool(torch.isfinite(p).all()) for p in self.alg.get_policy().parameters())
 
     def save(self, path: str, infos: dict | None = None) -> None:
-        """Write `model_N.pt` after N completed iterations, and before it the companions' checkpoints.
+        """Write `model_N.pt` after N completed iterations, and before it those of teams that learn beside.
 
         rsl-rl's `path` is not used: it counts the last iteration, not the completed ones.
         """
         completed = self.logger.completed
-        for companion in self.logger.companions:
-            companion.save(completed - self.first)
+        for learner in self.logger.joint:
+            learner.save(completed - self.first)
         if not self.is_finite():
             raise DivergedError(f"{self.folder}: {DIVERGED} {completed}")
         self._write(f"model_{completed}.pt", completed)

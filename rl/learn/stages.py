@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import torch
 
-from rl.learn.companion import Companion
 from rl.learn.env import Learner, MissionEnv, Watch
 from rl.learn.export import ONNX, TORCHSCRIPT, export_policy
+from rl.learn.joint_learner import JointLearner
 from rl.learn.policy import (
     CheckpointError,
     Policy,
@@ -115,10 +115,10 @@ def train_stage(
         return runner
 
     others: dict[str, Policy | None] = {t: frozen.get(t) for t in teams}
-    companions = [Companion(runner_of(t, {o: others[o] for o in teams if o != t})) for t in stage.joint]
-    others |= {companion.env.team: companion for companion in companions}
+    joint = [JointLearner(runner_of(t, {o: others[o] for o in teams if o != t})) for t in stage.joint]
+    others |= {learner.env.team: learner for learner in joint}
     runner = runner_of(stage.team, {o: others[o] for o in teams if o != stage.team})
-    runner.env.companions, runner.logger.companions = list[Learner](companions), companions
+    runner.env.joint, runner.logger.joint = list[Learner](joint), joint
     runner.env.watch = observers.watch
     number = list(config.stages).index(name) + 1
     runner.train(show_progress=show_progress and place.first, label=f"stage {number}/{len(config.stages)} {name}")

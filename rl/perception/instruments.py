@@ -30,7 +30,7 @@ from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.conventions import DOWN, QW, ROLL_RATE, SURGE
 from taichi_sim.kernels.packs import struct_of, values_at
-from taichi_sim.kernels.random import INSTRUMENTS, normal6
+from taichi_sim.kernels.random import CLOCK, INSTRUMENTS, KEY, SEED, normal6
 from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix, store
 from taichi_sim.kernels.runtime import array1, array3, whole1
 from taichi_sim.vehicle import Vehicle
@@ -203,7 +203,7 @@ def _read(out: ReadPack, truth: TruthPack, which: whole1, draws: whole1, kind: t
         if which[e] != NOT_DUE:
             n = ti.static(len(kind.members))
             g = values_at(kind, out.numbers)
-            env, number, clock, seed = draws[2 + e], form.vehicles + i, draws[0], draws[1]
+            env, number, clock, seed = draws[KEY + e], form.vehicles + i, draws[CLOCK], draws[SEED]
             z0, z1 = normal6(seed, INSTRUMENTS, env, number, clock), ti.Vector([0.0 for _ in ti.static(range(6))])
             if ti.static(len(form.air_data) > 0) or which[e] == BEGINS:  # otherwise nothing needs them
                 z1 = normal6(seed, INSTRUMENTS + 1, env, number, clock)

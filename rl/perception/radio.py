@@ -25,7 +25,7 @@ from rl.step import BEGINS, GOES_ON, NOT_DUE, Due
 from taichi_sim.config import Fraction, Positive, Strict
 from taichi_sim.config.plausible import Plausible
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.random import RADIO, uniform4
+from taichi_sim.kernels.random import CLOCK, KEY, RADIO, SEED, uniform4
 from taichi_sim.kernels.runtime import array1, array3, array4, whole1
 from taichi_sim.state.memory import Remembers
 
@@ -129,7 +129,7 @@ def _receive(
     for e, i in ti.ndrange(radio.said.shape[0], radio.said.shape[1]):
         if which[e] != NOT_DUE:
             n, age, other = radio.said.shape[1], radio.heard.shape[3] - 1, source(radio, e, form)
-            step, seed, env = ti.cast(steps[other], ti.i32), draws[1], draws[2 + e]
+            step, seed, env = ti.cast(steps[other], ti.i32), draws[SEED], draws[KEY + e]
             for k in range(n):
                 if which[e] == BEGINS:
                     if ti.static(form.known):
@@ -142,7 +142,7 @@ def _receive(
                     radio.heard[e, i, k, age] += radio.numbers[INTERVAL]
                     then = step - form.delay  # when what arrives now was sent
                     if (then + k) % form.period == 0 and then >= 0:
-                        if gets_there(radio, e, i, k, env, draws[0], seed, form):
+                        if gets_there(radio, e, i, k, env, draws[CLOCK], seed, form):
                             slot = then % ti.static(form.slots)
                             hear(radio, e, i, other, k, slot, ti.static(form.delay) * radio.numbers[INTERVAL])
 

@@ -25,6 +25,7 @@ from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
 from taichi_sim.state.memory import Remembers
 
 SensedPack = ti.types.argpack(gap=array2, obstacles=array4, mates=array4, signals=array3)
+REACH, BODY = range(2)  # numbers of the kernel: range of the sensors, radius of a vehicle, m
 SensingPack = ti.types.argpack(state=array3, derived=array3, numbers=array1)
 WIDTH = 8  # obstacles in a vector
 FAR = 1e9  # m: below any bottom
@@ -221,7 +222,7 @@ def _sense(
     ti.loop_config(serialize=sight.serial)
     for e, i in ti.ndrange(team.state.shape[0], team.state.shape[1]):
         if which[e] != NOT_DUE:
-            w, reach, radius = env_world[e], team.numbers[0], team.numbers[1]
+            w, reach, radius = env_world[e], team.numbers[REACH], team.numbers[BODY]
             place = taken(team.state, e, i, NORTH, 3)
             clear, far, index = near_obstacles(field, w, place, reach, radius, sight)
             clear, far, index = near_bodies(bodies, e, place, reach, radius, sight, clear, far, index)

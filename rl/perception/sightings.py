@@ -43,7 +43,7 @@ from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.conventions import DOWN, EAST, NORTH
 from taichi_sim.kernels.packs import struct_of, values_at
-from taichi_sim.kernels.random import CAMERA, LOOKOUT, normal6, uniform4
+from taichi_sim.kernels.random import CAMERA, CLOCK, KEY, LOOKOUT, SEED, normal6, uniform4
 from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN, rotated, rotated_back
 from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
 from taichi_sim.state.memory import Remembers
@@ -166,10 +166,10 @@ def _see(
                 line = line / slant
                 if line.dot(bore) >= g.cos_half:
                     number = ti.static(form.vehicles) + i
-                    u = uniform4(draws[1], CAMERA, draws[2 + e], number + 4096 * k, draws[0])
+                    u = uniform4(draws[SEED], CAMERA, draws[KEY + e], number + 4096 * k, draws[CLOCK])
                     r = reach / slant
                     if u[0] >= ti.pow(2.0, -r * r * r):
-                        z = normal6(draws[1], CAMERA + 1, draws[2 + e], number + 4096 * k, draws[0])
+                        z = normal6(draws[SEED], CAMERA + 1, draws[KEY + e], number + 4096 * k, draws[CLOCK])
                         line_b = rotated_back(true.true_derived, e, i, line)
                         error = ti.Vector([g.pixel * z[a] for a in ti.static(range(3))])
                         ray = rotated(own.derived, e, i, line_b + error)
@@ -206,9 +206,9 @@ def _look_out(
                     near = far < g.vessel_range and out.hidden[e, i] == 0
                 if near:
                     number = ti.static(form.vehicles) + i + 4096 * k
-                    u = uniform4(draws[1], LOOKOUT, draws[2 + e], number, draws[0])
+                    u = uniform4(draws[SEED], LOOKOUT, draws[KEY + e], number, draws[CLOCK])
                     if u[0] >= g.dropout:
-                        z = normal6(draws[1], LOOKOUT + 1, draws[2 + e], number, draws[0])
+                        z = normal6(draws[SEED], LOOKOUT + 1, draws[KEY + e], number, draws[CLOCK])
                         away, turned = 1.0 + g.range_noise * z[0] / ti.max(far, 1.0), g.bearing_noise * z[1]
                         c, s = cos - turned * sin, sin + turned * cos
                         out.sightings[e, i, k, Sighting.NORTH] = own.state[e, i, NORTH] + away * (c * x - s * y)

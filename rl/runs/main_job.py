@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from rl.evaluation.checkups import check_stage
+from rl.evaluation.episode_recording import record_episode
 from rl.evaluation.episodes import (
     CHUNK,
     Trial,
@@ -16,7 +17,6 @@ from rl.evaluation.episodes import (
     run_episodes,
 )
 from rl.evaluation.headroom import judge_on_bounds, read_bounds
-from rl.evaluation.record import record_episode
 from rl.evaluation.report import write_report
 from rl.evaluation.store import FILM, save_evaluation, save_headroom
 from rl.learn.env import Watch

@@ -32,7 +32,7 @@ _alone = False  # whether this process works for itself
 PATIENCE = timedelta(hours=2)  # longest wait for another rank: rank 0 evaluates and draws alone
 
 
-class Place(NamedTuple):
+class Rank(NamedTuple):
     """Rank of this process."""
 
     rank: int  # among all
@@ -46,13 +46,13 @@ class Place(NamedTuple):
         return self.rank == 0
 
 
-def here() -> Place:
+def here() -> Rank:
     """Rank of this process, from torchrun's environment variables; 0 of 1 within `alone`."""
     count = 1 if _alone else int(os.environ.get("WORLD_SIZE", "1"))
     if count == 1:
-        return Place(0, 1, 0, 1)
+        return Rank(0, 1, 0, 1)
     names = ("RANK", "WORLD_SIZE", "LOCAL_RANK", "LOCAL_WORLD_SIZE")
-    return Place(*(int(os.environ.get(name, "1" if name == "LOCAL_WORLD_SIZE" else "0")) for name in names))
+    return Rank(*(int(os.environ.get(name, "1" if name == "LOCAL_WORLD_SIZE" else "0")) for name in names))
 
 
 @contextlib.contextmanager
@@ -82,7 +82,7 @@ def cores() -> int:
 
 
 @contextlib.contextmanager
-def joined(arch: str = "cpu") -> Iterator[Place]:
+def joined(arch: str = "cpu") -> Iterator[Rank]:
     """Join the processes: gloo between CPUs, nccl between GPUs."""
     place = here()
     if place.count == 1:

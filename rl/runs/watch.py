@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 
 import torch
 
-from rl.evaluation.record import EpisodeReel
+from rl.evaluation.episode_recording import EpisodeReel
 from rl.mission import Mission, Step
 from taichi_sim.visualisation.recording import Event
 from taichi_sim.visualisation.recording.live import PORT, Live, refuse_used

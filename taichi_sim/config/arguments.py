@@ -1,4 +1,4 @@
-"""What callers hand in: counts, seeds, environments, actions. Each kind is checked in one place, before any effect.
+"""Validates user input (counts, seeds, environments, actions) before anything changes.
 
 A value is never taken for something else because of its type: a mask of environments is bool, numbers of environments
 are whole, and what could be either is refused.

@@ -54,7 +54,7 @@ _COMMA = re.compile(r"[+-]?\d+,\d+")  # a decimal comma
 _UNIT = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])]")
 
 
-class Place(NamedTuple):
+class Column(NamedTuple):
     """Where a column is: its position, its name in the header and the unit stated there ("" for none)."""
 
     position: int
@@ -98,21 +98,21 @@ class Sheet:
         """Number of the line of row k."""
         return self.rows[k][0]
 
-    def find(self, name: str) -> Place | None:
+    def find(self, name: str) -> Column | None:
         """The column of a name, with its unit in brackets or without; None if there is none.
 
         Raises:
             ConfigError: if several have the name.
         """
-        found = [Place(k, title, "") for k, title in enumerate(self.header) if title == name]
+        found = [Column(k, title, "") for k, title in enumerate(self.header) if title == name]
         if not found:
             split = [(k, title, _UNIT.fullmatch(title)) for k, title in enumerate(self.header)]
-            found = [Place(k, title, match[2].strip()) for k, title, match in split if match and match[1] == name]
+            found = [Column(k, title, match[2].strip()) for k, title, match in split if match and match[1] == name]
         if len(found) > 1:
             raise self.refusal(f"{self.path}: {len(found)} columns are called {name}: leave one")
         return found[0] if found else None
 
-    def numbers(self, place: Place, quantity: str = "", missing: bool = False) -> Array:
+    def numbers(self, place: Column, quantity: str = "", missing: bool = False) -> Array:
         """Values of a column in the unit of its `quantity` (UNITS); "" takes them as they are.
 
         Where values may be `missing`, an empty cell, NaN and a mark of a missing value are NaN.
@@ -137,7 +137,7 @@ class Sheet:
             raise self.wrong(self.line(k), f"{place.title} = {values[k]:g} marks a missing value: leave out such rows")
         return values * self._factor(place, quantity)
 
-    def times(self, place: Place) -> tuple[Array, bool]:
+    def times(self, place: Column) -> tuple[Array, bool]:
         """Times of a column, s, and whether they are dates: seconds since 1970, UTC.
 
         Raises:
@@ -173,7 +173,7 @@ class Sheet:
                                  "time [ms]; dates are 2024-05-01T12:00")  # fmt: skip
         return values, bool(dates) or (len(values) > 0 and values[0] >= UNIX)
 
-    def _cells(self, place: Place) -> Iterable[tuple[int, str]]:
+    def _cells(self, place: Column) -> Iterable[tuple[int, str]]:
         for line, row in self.rows:
             if place.position >= len(row):
                 raise self.wrong(line, f"cut short: {len(row)} of {len(self.header)} cells")
@@ -193,7 +193,7 @@ class Sheet:
         except ValueError:
             raise self.wrong(line, f"{name} is not a number, nor a date such as 2024-05-01T12:00Z: {text!r}") from None
 
-    def _factor(self, place: Place, quantity: str) -> float:
+    def _factor(self, place: Column, quantity: str) -> float:
         known = UNITS.get(quantity)
         if not place.unit or known is None:
             return 1.0

@@ -21,7 +21,7 @@ import torch
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
-from taichi_sim.config.columns import Place, Sheet, no_direction
+from taichi_sim.config.columns import Column, Sheet, no_direction
 from taichi_sim.kernels import runtime
 
 WAYS = (("speed", "direction_deg"), ("north", "east"))
@@ -111,12 +111,12 @@ def _read(path: Path, stamp: int, blows_from: bool) -> tuple[np.ndarray, np.ndar
     return time, _possible(sheet, velocity, blows_from)
 
 
-def _by_components(sheet: Sheet, north: Place, east: Place) -> np.ndarray:
+def _by_components(sheet: Sheet, north: Column, east: Column) -> np.ndarray:
     """Velocities [n, 2] of two columns."""
     return np.stack([sheet.numbers(place, "speed") for place in (north, east)], axis=1)
 
 
-def _by_angle(sheet: Sheet, one: Place, other: Place, blows_from: bool) -> np.ndarray:
+def _by_angle(sheet: Sheet, one: Column, other: Column, blows_from: bool) -> np.ndarray:
     """Velocities [n, 2] of a speed and a direction."""
     speed, direction = sheet.numbers(one, "speed"), sheet.numbers(other, "degrees")
     if (speed < 0).any():

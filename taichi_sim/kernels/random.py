@@ -35,6 +35,8 @@ TURBULENCE, SLOW_VARIATION = 1, 2
 INSTRUMENTS, RADIO, CONTACTS = 16, 32, 48  # each use also has the next 15 streams, CONTACTS the next 31
 CAMERA, LOOKOUT = 80, 96  # each use also has the next 15 streams
 
+CLOCK, SEED, KEY = range(3)  # where a counter (`Noise.table`) holds them; the key of the first environment
+
 ROUNDS = 7
 MULTIPLIER_0, MULTIPLIER_1 = 0xD2511F53, 0xCD9E8D57  # constants of Philox
 WEYL_0, WEYL_1 = 0x9E3779B9, 0xBB67AE85  # increments of the key in each round
@@ -46,6 +48,7 @@ SQRT_HALF_BITS = 0x3F3504F3  # sqrt(1/2) as an f32
 LN2_HI, LN2_LO = 0.693359375, -2.12194440e-4  # ln 2 split in two, so that n LN2_HI is exact in f32
 TWO_PI = 6.283185307179586
 DIGITS, EXPONENT_23 = (1 << 23) - 1, 0x4B000000  # mask of the digits of an f32; 2^23 as an f32
+KEPT, ADDED = range(2)  # numbers of a slow variation's step: share that is kept, deviation of the noise
 WALK = 60.0  # ns per environment of a step of `SlowVariation`, approximate
 FIRST_FORKED = 1 << 24  # first key of copies that draw noise of their own; above the number of any environment
 
@@ -200,9 +203,9 @@ def as_i32(x: int) -> int:
 def _walk(value: array2, numbers: array1, count: whole1, serial: ti.template()):
     ti.loop_config(serialize=serial)
     for e in range(value.shape[0]):
-        z = normal6(count[1], SLOW_VARIATION, count[2 + e], 0, count[0])
+        z = normal6(count[SEED], SLOW_VARIATION, count[KEY + e], 0, count[CLOCK])
         for a in ti.static(range(2)):
-            value[e, a] = numbers[0] * value[e, a] + numbers[1] * z[a]
+            value[e, a] = numbers[KEPT] * value[e, a] + numbers[ADDED] * z[a]
 
 
 class Keys:
@@ -266,7 +269,7 @@ class SlowVariation(Remembers):
         if self.varies:
             if dt != self._step:
                 decay = -dt / self._time
-                self._step, self._numbers[0] = dt, math.exp(decay)
-                self._numbers[1] = self._std * math.sqrt(-math.expm1(2 * decay))
+                self._step, self._numbers[KEPT] = dt, math.exp(decay)
+                self._numbers[ADDED] = self._std * math.sqrt(-math.expm1(2 * decay))
             self._noise.tick()
             self._launch(self.value, self._numbers, self._noise.table, self._serial)

@@ -1,4 +1,4 @@
-"""Vehicles on a bench (taichi_sim/applications/bench.py), seas of one wave, models with other numbers, reference
+"""Vehicles on a bench (taichi_sim/bench.py), seas of one wave, models with other numbers, reference
 tables."""
 
 import csv
@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from taichi_sim.applications.bench import Bench
+from taichi_sim.bench import Bench
 from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.models.catalogue import load_vehicle
 from taichi_sim.surroundings.sea import Sea

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.applications.bench import Bench
+from taichi_sim.bench import Bench
 from taichi_sim.config import ConfigError
 from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.models.uav.fixed_wing.trim import linear_modes

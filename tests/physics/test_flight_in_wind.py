@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.applications.bench import Bench
+from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.conventions import GRAVITY

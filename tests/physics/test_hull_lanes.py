@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.applications.bench import calm_sea
+from taichi_sim.bench import calm_sea
 from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, VELOCITY
 from taichi_sim.surroundings.sea import Sea
 from taichi_sim.surroundings.sea.spectrum import Components

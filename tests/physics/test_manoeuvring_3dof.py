@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.applications.bench import pack_state
+from taichi_sim.bench import pack_state
 from taichi_sim.config import ConfigError, SeaConfig
 from taichi_sim.config.io import config_folder, read_toml
 from taichi_sim.kernels import runtime

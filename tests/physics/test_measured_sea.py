@@ -19,7 +19,7 @@ from taichi_sim.surroundings.sea.measured import (
     records_of,
 )
 from taichi_sim.surroundings.sea.measured.ndbc import with_cut_off_returned
-from taichi_sim.surroundings.sea.measured.record import (
+from taichi_sim.surroundings.sea.measured.wave_record import (
     ROOM,
     band_edges,
     direction_grid,

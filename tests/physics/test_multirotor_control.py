@@ -7,7 +7,7 @@ import pytest
 import taichi as ti
 import torch
 
-from taichi_sim.applications.bench import Bench
+from taichi_sim.bench import Bench
 from taichi_sim.config import ConfigError
 from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.models.catalogue import load_vehicle

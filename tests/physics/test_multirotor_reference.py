@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.applications.bench import Bench
+from taichi_sim.bench import Bench
 from taichi_sim.models.catalogue import load_vehicle
 from taichi_sim.models.uav.multirotor.trim import trim
 from tests.probes import ground_ratios, rotor_rates

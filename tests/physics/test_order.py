@@ -1,14 +1,13 @@
 """Order of convergence: halving the physics step quarters the error of every model's motion.
 
-Waves, wind, turbulence and random commands are the same at every step (taichi_sim/applications/trials/step.py). The
-models of the
-paper are left out: their step is part of the model.
+Waves, wind, turbulence and random commands are the same at every step (taichi_sim/applications/trials/step_error.py).
+The models of the paper are left out: their step is part of the model.
 """
 
 import numpy as np
 import pytest
 
-from taichi_sim.applications.trials.step import StepSetting, errors
+from taichi_sim.applications.trials.step_error import StepSetting, errors
 
 pytestmark = pytest.mark.usefixtures("f64")
 LEAST = 1.8

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.applications.bench import Bench
+from taichi_sim.bench import Bench
 from taichi_sim.kernels import runtime
 
 PLACES = (0.0, 1e3, 1e6)  # m, north and (a third of it) east

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.applications.bench import pack_state
+from taichi_sim.bench import pack_state
 from taichi_sim.models.usv.hull.motion import CONTROLS
 
 pytestmark = pytest.mark.usefixtures("f64")

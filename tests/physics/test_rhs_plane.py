@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.applications.bench import pack_state
+from taichi_sim.bench import pack_state
 
 pytestmark = pytest.mark.usefixtures("f64")
 DT, ENVS = 1e-8, 12  # s; rates are then exact to some 1e-8 of rounding and 1e-5 of the aircraft's acceleration

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.applications.bench import pack_state
+from taichi_sim.bench import pack_state
 from taichi_sim.config import ConfigError
 from taichi_sim.models.catalogue import load_vehicle
 from taichi_sim.models.usv.hull.thruster_set import components, pseudo_inverse, reach

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.applications.bench import Bench
+from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig
 from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, GRAVITY, VELOCITY
 from taichi_sim.kernels.rotation import torch_rotation_matrix

@@ -13,8 +13,8 @@ from refusal import assert_says
 
 import taichi_sim as ts
 from rl.adapters.batched import BatchedEnv
+from rl.evaluation.episode_recording import record_episode
 from rl.evaluation.episodes import judge_episodes
-from rl.evaluation.record import record_episode
 from rl.guidance.shapes import escort_offsets
 from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario, make_mission

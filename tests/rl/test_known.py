@@ -7,8 +7,8 @@ import torch
 from small_missions import begin, make, wander
 
 from rl.missions import load_scenario
-from rl.perception.contacts import TrackedContacts
 from rl.perception.instruments import Readings
+from rl.perception.tracked_objects import TrackedObjects
 from taichi_sim.config import ConfigError
 
 STEADY = ("sea.hs=0", "obstacles.count=0")
@@ -119,7 +119,7 @@ def test_late_measurements_of_steady_bodies_are_exact_in_time():
     begin(task)
     team = task.teams["usv"]
     contacts = team.known.sensor
-    assert isinstance(contacts, TrackedContacts)
+    assert isinstance(contacts, TrackedObjects)
     settled = []
     for _ in range(60):
         wander(task, 1, size=0.2)

@@ -20,11 +20,11 @@ from pilot_peer import FRAME, GUIDED, HOLD, MANUAL, NO_AXIS, PARAMETERS, Copter,
 from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 
-from rl.adapters.pilot.autopilot_link import Attitude, Link, Place
+from rl.adapters.pilot.autopilot_link import Attitude, Fix, Link
 from rl.adapters.pilot.clock import Clock
-from rl.adapters.pilot.companion import LOST, STALE, Pilot
+from rl.adapters.pilot.companion import LOST, STALE, Companion
 from rl.adapters.pilot.connections import Wire, check_different, read_address
-from rl.adapters.pilot.laid_course import Chart, quaternion
+from rl.adapters.pilot.laid_course import LaidCourse, quaternion
 from rl.adapters.pilot.set_points import Sticks, orders_of
 from rl.learn.policy import OBS_GROUPS, ClassicalPolicy, actor_config, write_checkpoint
 from rl.missions import load_scenario
@@ -63,7 +63,7 @@ class Fleet:
         self.boats.receivers = [link.receive for link in self.links]
         self.news: list[str] = []
         self.errors: list[np.ndarray] = []
-        self.pilot = Pilot(
+        self.pilot = Companion(
             self.mission, self.name, self.policy, self.orders, self.links, tell=self.news.append, guided=guided
         )
         return self
@@ -115,14 +115,14 @@ def _link(place, velocity=(0.0, 0.0, 0.0), euler=(0.0, 0.0, 0.0), rates=(0.0, 0.
     """A link that has just heard of a place (north, east of the fjord, m)."""
     link = Link("boat", lambda data: None)
     lat, lon, _ = geodetic(np.array((place[1], place[0], 0.0)), FJORD)
-    link.place, link.attitude = Place(lat, lon, 0.0, 0.0, velocity), Attitude(euler, rates)
+    link.place, link.attitude = Fix(lat, lon, 0.0, 0.0, velocity), Attitude(euler, rates)
     link.placed = link.turned = now
     return link
 
 
 def test_a_chart_is_a_rigid_motion_that_lays_the_course_where_it_is_asked_to():
     origin, heading, course = Origin(*geodetic(np.array((80.0, -200.0, 0.0)), FJORD)[:2]), 1.2, -0.7
-    chart = Chart(origin, heading, (300.0, 40.0), course, afloat=True)
+    chart = LaidCourse(origin, heading, (300.0, 40.0), course, afloat=True)
     links = [_link((-200.0, 80.0), (math.cos(1.2), math.sin(1.2), 0.0), (0.1, -0.05, heading)), _link((-170.0, 40.0))]
     at, there = chart.states(links, 0.0)
     np.testing.assert_allclose(at[:3], (300.0, 40.0, 0.0), atol=1e-6)  # the origin is where the course begins
@@ -135,7 +135,7 @@ def test_a_chart_is_a_rigid_motion_that_lays_the_course_where_it_is_asked_to():
 
 
 def test_telemetry_is_moved_on_by_its_age():
-    chart = Chart(FJORD, 0.0, (0.0, 0.0), 0.0, afloat=True)
+    chart = LaidCourse(FJORD, 0.0, (0.0, 0.0), 0.0, afloat=True)
     link = _link((10.0, 5.0), (1.5, -0.5, 0.2), (0.0, 0.0, 0.3), (0.0, 0.0, 0.1), now=7.0)
     (state,) = chart.states([link], 7.2)
     np.testing.assert_allclose(state[:3], (10.3, 4.9, 0.0), atol=1e-5)
@@ -147,7 +147,7 @@ def test_throttle_and_steering_turn_the_shafts_as_the_action_does(sticks):
     team = sticks.mission.teams["usv"]
     t = team.fleet.model.params.thrusters
     action = torch.tensor([[[-1.0, 0.0], [0.2, 0.3], [-0.6, -0.35]]], dtype=torch.float64)
-    orders = Sticks(team.fleet.model).of(team, action, Chart(FJORD, 0.0, (0.0, 0.0), 0.0, afloat=True))
+    orders = Sticks(team.fleet.model).of(team, action, LaidCourse(FJORD, 0.0, (0.0, 0.0), 0.0, afloat=True))
     shares = np.stack((orders.sum(1), orders[:, 0] - orders[:, 1]), axis=1)
     n = np.where(shares > 0, shares * t.n_max, -shares * t.n_min)
     thrust = np.where(n > 0, t.k_positive, t.k_negative) * np.abs(n) * n

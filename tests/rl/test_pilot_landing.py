@@ -10,7 +10,7 @@ from phases import check_followed
 from pilot_peer import kinds
 
 from rl.adapters.pilot.autopilot_link import Link
-from rl.adapters.pilot.companion import Pilot
+from rl.adapters.pilot.companion import Companion
 from rl.adapters.pilot.laid_course import quaternion, rotated
 from rl.adapters.pilot.set_points import orders_of
 from rl.commands.pilot import parser
@@ -50,7 +50,7 @@ class Sea:
         self._out = [kinds.MAVLink(None, srcSystem=k + 1, srcComponent=1) for k in range(2)]
         self._links = [Link(name, lambda data, k=k: self._hear(k, data)) for k, name in enumerate(("copter", "boat"))]
         team = follows.teams["uav"]
-        self.pilot = Pilot(
+        self.pilot = Companion(
             follows, "uav", ClassicalPolicy(), orders_of(team), self._links[:1], tell=self.news.append,
             followed={"usv": self._links[1:]}, disarm=disarm,
         )  # fmt: skip

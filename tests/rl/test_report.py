@@ -12,7 +12,7 @@ from small_missions import make
 from rl.evaluation import episodes as evaluation
 from rl.evaluation.conditions import conditions_of
 from rl.evaluation.episode_log import End, Ended, Excerpt, TeamLog, load_log, save_log
-from rl.evaluation.record import record_episode
+from rl.evaluation.episode_recording import record_episode
 from rl.evaluation.report import episodes as shown_part
 from rl.evaluation.report import write_report
 from rl.evaluation.report.failures import correlation, failures

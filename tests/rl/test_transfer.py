@@ -11,7 +11,7 @@ import torch
 from rl.evaluation.episodes import one_episode_each
 from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario
-from taichi_sim.applications.bench import Bench
+from taichi_sim.bench import Bench
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import find_config
 from taichi_sim.fleet import Fleet

@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from taichi_sim.applications.bench import calm_sea
+from taichi_sim.bench import calm_sea
 from taichi_sim.config import Strict
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.conventions import GRAVITY, VELOCITY

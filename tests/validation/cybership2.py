@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from taichi_sim.applications.bench import Bench, pack_state
+from taichi_sim.bench import Bench, pack_state
 from taichi_sim.config.io import config_folder
 from taichi_sim.models.usv.manoeuvring_3dof import Manoeuvring3dof, Manoeuvring3dofParams
 from tests.validation.case import Case

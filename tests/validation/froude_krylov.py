@@ -9,7 +9,7 @@ the origin (real part) and once a quarter period later (imaginary part); what a 
 
 import numpy as np
 
-from taichi_sim.applications.bench import Bench
+from taichi_sim.bench import Bench
 from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.surroundings.sea import Sea
 from taichi_sim.surroundings.sea.spectrum import Components, wavenumber

@@ -15,7 +15,7 @@ import numpy as np
 import taichi as ti
 import torch
 
-from taichi_sim.applications.bench import Bench, pack_state
+from taichi_sim.bench import Bench, pack_state
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.models.usv.hull import motion as hull_motion

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_sim.applications.bench import Bench
+from taichi_sim.bench import Bench
 from taichi_sim.models.usv.hull.params import Hull6DofParams
 from tests.validation.case import Case
 from tests.validation.otter import LARGEST_DT, accelerations, as_action, place, pose_rate, set_shafts

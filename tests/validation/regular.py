@@ -6,7 +6,7 @@ linear. When transients have died out, amplitudes and phases are fitted at the w
 
 import numpy as np
 
-from taichi_sim.applications.bench import Bench
+from taichi_sim.bench import Bench
 from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.surroundings.sea import Sea
 from taichi_sim.surroundings.sea.spectrum import Components, wavenumber

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from taichi_sim.applications.bench import Bench
+from taichi_sim.bench import Bench
 from taichi_sim.kernels.conventions import QUATERNION
 from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.models.uav.unity_aircraft import INCREMENT, UnityAircraft, UnityAircraftParams

@@ -5,7 +5,7 @@ Numbers come from wamv.toml of the reference directory, else from the shipped ve
 
 import numpy as np
 
-from taichi_sim.applications.bench import Bench
+from taichi_sim.bench import Bench
 from taichi_sim.config.io import validate
 from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof, Hull6DofParams
 from taichi_sim.models.usv.hull.hydrostatic_stability import Hydrostatics

@@ -20,8 +20,8 @@ import torch
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from taichi_sim.applications.bench import Bench
-from taichi_sim.applications.trials.step import HEIGHT, INTERVAL, StepSetting, errors_of, motion, step_for
+from taichi_sim.applications.trials.step_error import HEIGHT, INTERVAL, StepSetting, errors_of, motion, step_for
+from taichi_sim.bench import Bench
 from taichi_sim.kernels import runtime
 from taichi_sim.models.catalogue import load_vehicle
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import torch
 
-from taichi_sim.applications.bench import Bench
+from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig, WorldConfig
 from taichi_sim.config.io import read_toml
 from taichi_sim.models.catalogue import find_model, load_vehicle, shipped_vehicles

@@ -19,7 +19,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from taichi_sim.applications.bench import pack_state
+from taichi_sim.bench import pack_state
 from taichi_sim.config import ConfigError
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.conventions import GRAVITY, POSITION, QUATERNION, STATE_SIZE, VELOCITY

@@ -50,7 +50,7 @@ class Heart(NamedTuple):
     armed: bool
 
 
-class Place(NamedTuple):
+class Fix(NamedTuple):
     """The last GLOBAL_POSITION_INT."""
 
     latitude: float  # deg
@@ -92,7 +92,7 @@ class Link:
         self._reader.robust_parsing = True
         self._writer = self._kinds.MAVLink(None, *(STATION if station else COMPANION))
         self.heart: Heart | None = None
-        self.place: Place | None = None
+        self.place: Fix | None = None
         self.attitude: Attitude | None = None
         self.wind = math.nan, math.nan, math.nan
         self.placed = self.turned = self.blown = self.heard = NEVER
@@ -130,7 +130,7 @@ class Link:
         sent = self._sent(m, now) if m.lat or m.lon else None
         if sent is not None:
             velocity = (0.01 * m.vx, 0.01 * m.vy, 0.01 * m.vz)
-            self.place = Place(1e-7 * m.lat, 1e-7 * m.lon, 1e-3 * m.relative_alt, 1e-3 * m.alt, velocity)
+            self.place = Fix(1e-7 * m.lat, 1e-7 * m.lon, 1e-3 * m.relative_alt, 1e-3 * m.alt, velocity)
             self.placed = sent
 
     def _attitude(self, m: Any, now: float) -> None:
@@ -188,8 +188,8 @@ class Link:
         return min(times, key=lambda kind: times[kind])
 
     @property
-    def last(self) -> tuple[Place, Attitude]:
-        """Place and attitude of a vehicle that has told them."""
+    def last(self) -> tuple[Fix, Attitude]:
+        """Fix and attitude of a vehicle that has told them."""
         assert self.place is not None and self.attitude is not None, "a vehicle that has told nothing"
         return self.place, self.attitude
 

@@ -27,7 +27,7 @@ import numpy as np
 import torch
 
 from rl.adapters.pilot.autopilot_link import ARM, SET_MODE, Link
-from rl.adapters.pilot.laid_course import Chart
+from rl.adapters.pilot.laid_course import LaidCourse
 from rl.adapters.pilot.set_points import BOAT, Orders
 from rl.mission import Mission, Policy
 from taichi_sim.config.arguments import ActionError
@@ -83,7 +83,7 @@ class Figures(NamedTuple):
         return f"median {self.median:.1f}, p95 {self.p95:.1f}, worst {self.worst:.1f} ms"
 
 
-class Pilot:
+class Companion:
     """Acts for a team by a policy.
 
     Attributes:
@@ -116,7 +116,7 @@ class Pilot:
         self.ages: list[float] = []
         self._asked: dict[str, float] = {}  # vehicle -> when its mode was asked for, s
         self._squares: dict[str, np.ndarray] = {}  # sums over decisions, of each entry of the mission's info [vehicle]
-        self._chart: Chart | None = None
+        self._laid: LaidCourse | None = None
         self._taken: torch.Tensor | None = None
         self._begun: float | None = None
         self._due = self._reported = 0.0
@@ -139,12 +139,12 @@ class Pilot:
             CheckpointError: if the policy was trained with other observations or actions.
         """
         fleet, taken = self.team.fleet, None
-        chart = Chart(Origin(0.0, 0.0), 0.0, (0.0, 0.0), 0.0)
+        laid = LaidCourse(Origin(0.0, 0.0), 0.0, (0.0, 0.0), 0.0)
         for _ in range(REHEARSAL):
             self.mission.follow({self.team.name: fleet.state.clone()}, taken)
             self.team.gives_up()
             action = self._acted()
-            self.orders.of(self.team, action, chart)
+            self.orders.of(self.team, action, laid)
             taken = {self.team.name: action}
         self.mission.begin_each()
 
@@ -316,12 +316,12 @@ class Pilot:
         self.phase, self._due, self._reported, self._taken = "acting", now, now, None
         laid = self.mission.course(self.team)
         if laid is None:
-            self._chart = Chart(origin, 0.0, (0.0, 0.0), 0.0, level=self.heard[-1].last[0].altitude)
+            self._laid = LaidCourse(origin, 0.0, (0.0, 0.0), 0.0, level=self.heard[-1].last[0].altitude)
             return self.tell("acting")
         place, course = laid
         afloat = self.team.fleet.model.medium == "water"
         (north, east), chi = place[0].tolist(), float(course[0])
-        self._chart = Chart(origin, heading, (north, east), chi, afloat=afloat)
+        self._laid = LaidCourse(origin, heading, (north, east), chi, afloat=afloat)
         toward, along = (math.degrees(angle) % 360.0 for angle in (heading, chi))
         self.tell(
             f"acting: the course begins at {origin.latitude:.7f} {origin.longitude:.7f}, along {toward:.0f} deg "
@@ -362,12 +362,12 @@ class Pilot:
 
     def _decide(self, now: float, age: float) -> None:
         began, name, like = time.perf_counter(), self.team.name, self.team.fleet.state
-        assert self._chart is not None, "no course"
+        assert self._laid is not None, "no course"
         states = {
-            team: torch.from_numpy(self._chart.states(links, now))[None].to(like)
+            team: torch.from_numpy(self._laid.states(links, now))[None].to(like)
             for team, links in {name: self.links, **self.followed}.items()
         }
-        self._blow(self._chart, states[name])
+        self._blow(self._laid, states[name])
         self.mission.follow(states, None if self._taken is None else {name: self._taken})
         for ending, flags in self.team.gives_up().items():
             given = flags[0].cpu().numpy() & ~self._arrived
@@ -378,7 +378,7 @@ class Pilot:
             self._taken = self._acted()
         except ActionError as error:
             return self.end(str(error), fault=True)
-        given = self.orders.of(self.team, self._taken, self._chart)
+        given = self.orders.of(self.team, self._taken, self._laid)
         for link, order in zip(self.links, given, strict=True):
             if link not in self._done:
                 self.orders.give(link, order)
@@ -411,12 +411,12 @@ class Pilot:
                     return self.end(f"{link.name} rests, and does not stop its motors: {result}", fault=True)
                 link.disarm()
 
-    def _blow(self, chart: Chart, states: torch.Tensor) -> None:
+    def _blow(self, laid: LaidCourse, states: torch.Tensor) -> None:
         """Write airspeed and wind, if the team's vehicles measure them, by their `states` [1, vehicle, 13]."""
         fleet, columns = self.team.fleet, self.team.observed_air
         if not columns:
             return
-        wind = np.stack([chart.in_mission(link.wind) for link in self.links])
+        wind = np.stack([laid.in_mission(link.wind) for link in self.links])
         R = torch_rotation_matrix(states[0, :, QUATERNION]).double().cpu().numpy()
         through = np.einsum("vij,vj->vi", R, states[0, :, VELOCITY].double().cpu().numpy()) - wind
         air = np.column_stack((np.linalg.norm(through, axis=1), wind))

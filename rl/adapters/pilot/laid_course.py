@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rl.adapters.pilot.autopilot_link import Link, Place
+from rl.adapters.pilot.autopilot_link import Fix, Link
 from taichi_sim.kernels.conventions import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE_SIZE, VELOCITY
 from taichi_sim.kernels.rotation import numpy_rotation_matrix
 from taichi_sim.visualisation.recording.east_north_up import Origin, from_geodetic
@@ -46,7 +46,7 @@ def rotated(q: Array, by: Array) -> Array:
                      w * c + x * b - y * a + z * d))  # fmt: skip
 
 
-class Chart:
+class LaidCourse:
     """Turns telemetry into states of a mission, and velocities of the mission into those over the sea."""
 
     def __init__(
@@ -60,7 +60,7 @@ class Chart:
         self.origin, self.turn, self.place = origin, course - heading, np.asarray(place, float)
         self.afloat, self.level = afloat, level
 
-    def _height(self, there: Place) -> float:
+    def _height(self, there: Fix) -> float:
         return there.height if self.level is None else there.altitude - self.level
 
     def states(self, links: Sequence[Link], now: float) -> Array:

@@ -23,7 +23,7 @@ import torch
 from numpy.typing import NDArray
 
 from rl.adapters.pilot.autopilot_link import AUTOPILOT, Link
-from rl.adapters.pilot.laid_course import Chart
+from rl.adapters.pilot.laid_course import LaidCourse
 from rl.guidance.controllers.vessel import shaft
 from rl.guidance.residual import CORRECTIONS
 from rl.team import Team
@@ -67,7 +67,7 @@ class Orders(Protocol):
     kinds: Mapping[int, str]
     parameters: Mapping[str, float]
 
-    def of(self, team: Team, taken: torch.Tensor, chart: Chart) -> Array:
+    def of(self, team: Team, taken: torch.Tensor, laid: LaidCourse) -> Array:
         """Orders [vehicle, n], of the actions `taken` [1, vehicle, action] that the team takes."""
         ...
 
@@ -92,10 +92,10 @@ class Velocity:
     kinds: Mapping[int, str] = BOAT
     parameters: Mapping[str, float] = {}
 
-    def of(self, team: Team, taken: torch.Tensor, chart: Chart) -> Array:
+    def of(self, team: Team, taken: torch.Tensor, laid: LaidCourse) -> Array:
         """The velocity command as the policy has corrected it."""
         assert team.ordered is not None, "a policy that corrects nothing"
-        return chart.over_sea(team.ordered[0, :, :2].double().cpu().numpy())
+        return laid.over_sea(team.ordered[0, :, :2].double().cpu().numpy())
 
     def give(self, link: Link, order: Array) -> None:
         """Send a velocity."""
@@ -122,7 +122,7 @@ class HeadingVelocity:
         """Take what actions of 1 command."""
         self.control = control
 
-    def of(self, team: Team, taken: torch.Tensor, chart: Chart) -> Array:
+    def of(self, team: Team, taken: torch.Tensor, laid: LaidCourse) -> Array:
         """What the actions command (taichi_sim/models/uav/multirotor/controller.py)."""
         c, action = self.control, taken[0].double().cpu().numpy()
         vertical = np.where(action[:, 2] > 0, c.descent, c.climb)
@@ -162,7 +162,7 @@ class Sticks:
         """Take the propellers of a vehicle."""
         self.thrusters, self.both = model.params.thrusters, model.params.actions == "left_right"
 
-    def of(self, team: Team, taken: torch.Tensor, chart: Chart) -> Array:
+    def of(self, team: Team, taken: torch.Tensor, laid: LaidCourse) -> Array:
         """Throttle and steering of the speeds that the actions command."""
         first, second = taken[0].double().cpu().unbind(-1)
         if self.both:

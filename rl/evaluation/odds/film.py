@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from rl.evaluation.episode_recording import EpisodeReel, events_of
 from rl.evaluation.odds.estimate import Answer, Question
 from rl.evaluation.odds.splitting import HAPPENED, Ints, repeat
-from rl.evaluation.record import EpisodeReel, events_of
 from rl.mission import Step
 from rl.runs.folder import RunError
 from taichi_sim.visualisation.recording import Episode, Event

@@ -23,12 +23,12 @@ from rl.missions.escort.circling import (
     OrbitGains,
 )
 from rl.missions.escort.endings_and_logs import LOGGED, log_of, margins_of
-from rl.missions.escort.host import Parts
+from rl.missions.escort.host import EscortHost
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
-from rl.perception.contacts import TrackedContacts
 from rl.perception.instruments import InstrumentsConfig, Readings
 from rl.perception.sensors import Sensor
 from rl.perception.sightings import Camera
+from rl.perception.tracked_objects import TrackedObjects
 from rl.step import Due
 from rl.team import Controller, Endings
 from taichi_sim.config.io import validate
@@ -44,7 +44,7 @@ FASTER = 1e6  # m/s, each way, than any command
 SEARCHES = 1.5  # radii of the circle from the vessel's expected place, within which a search begins; assumed
 
 
-def aircraft_observers(mission: Parts, name: str, first: int) -> ObserverGroup:
+def aircraft_observers(mission: EscortHost, name: str, first: int) -> ObserverGroup:
     """Make the observer group of the aircraft of team `name`, numbered from `first` on."""
     config, fleet = mission.config, mission.world.teams[name]
     section = config.parts[name]
@@ -68,10 +68,10 @@ class EscortAircraft(ResidualTeam):
 
     logged = LOGGED
     meanings = OBSERVED
-    mission: Parts
+    mission: EscortHost
     axes = 3
 
-    def __init__(self, mission: Parts, name: str, tracking: SharedTracking):
+    def __init__(self, mission: EscortHost, name: str, tracking: SharedTracking):
         """Make team `name`, whose aircraft are among the observers of `tracking`."""
         super().__init__(mission, name)
         config, state, model = mission.config, self.fleet.state, self.fleet.model
@@ -205,8 +205,8 @@ class MeasuredAircraft(Remembers):
             Target(state.new_zeros((*state.shape[:2], TARGET_SIZE)), team.fleet.position_n[:, 0])
         )
         self.sensor = self.remember(
-            TrackedContacts(
-                team.section.sensors.scaled_contacts, team.sensor, team.fleet, self.fleet, team.interval, number
+            TrackedObjects(
+                team.section.sensors.scaled_objects, team.sensor, team.fleet, self.fleet, team.interval, number
             )
         )
         self.centre, self.centre_velocity = (
@@ -234,7 +234,7 @@ class MeasuredAircraft(Remembers):
         return self._boats, self._farthest
 
 
-def scout_observers(mission: Parts, name: str, first: int) -> ObserverGroup:
+def scout_observers(mission: EscortHost, name: str, first: int) -> ObserverGroup:
     """Make an observer group of scouts that replace the aircraft of team `name`, numbered from `first` on."""
     section, like = mission.config.parts[name], mission.hs
     rows = mission.num_envs, section.count
@@ -255,7 +255,7 @@ class Scouts(Remembers):
     its range, delay and loss.
     """
 
-    def __init__(self, mission: Parts, name: str, tracking: SharedTracking):
+    def __init__(self, mission: EscortHost, name: str, tracking: SharedTracking):
         """Make one scout for each vehicle of team `name`; all are among the observers of `tracking`."""
         section, like = mission.config.parts[name], mission.hs
         self.mission, self.name, self.section, self.orbit = mission, name, section, section.orbit

@@ -14,9 +14,9 @@ from rl.guidance.targets_and_errors import OFFSET, RATE, SLOT_SIZE, Geometry, Ta
 from rl.guidance.targets_and_errors import TARGET_SIZE as TARGET
 from rl.missions.escort import rewards
 from rl.missions.escort.endings_and_logs import LOGGED, log_of, margins_of
-from rl.missions.escort.host import Parts
+from rl.missions.escort.host import EscortHost
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
-from rl.perception.charted_contacts import ChartedContacts
+from rl.perception.charted_objects import ChartedObjects
 from rl.perception.instruments import Readings
 from rl.perception.sensors import Sensor
 from rl.perception.sightings import Lookout
@@ -32,7 +32,7 @@ LINEAR = 10.0  # m from a boat's slot: beyond it a plan's cost grows linearly
 NEAR_COST, ENDED_COST = 10.0, 2e3  # of plans, m: for each m less than the berth; for an ending
 
 
-def boat_observers(mission: Parts, name: str, first: int) -> ObserverGroup:
+def boat_observers(mission: EscortHost, name: str, first: int) -> ObserverGroup:
     """Make the observer group of the boats of team `name`, numbered from `first` on."""
     config, fleet = mission.config, mission.world.teams[name]
     section = config.parts[name]
@@ -57,11 +57,11 @@ class EscortBoats(ResidualTeam):
         "track_age": f"age of what is known of the vessel, s, squashed by {AGE_SCALE:g}",
         "track_sigma": f"standard deviation of its place, m, squashed by {SIGMA_SCALE:g}",
     }
-    mission: Parts
+    mission: EscortHost
     axes = 2
     radio = None
 
-    def __init__(self, mission: Parts, name: str, tracking: SharedTracking):
+    def __init__(self, mission: EscortHost, name: str, tracking: SharedTracking):
         """Make team `name`, whose boats are among the observers of `tracking`."""
         super().__init__(mission, name)
         config, state, model = mission.config, self.fleet.state, self.fleet.model
@@ -192,8 +192,8 @@ class MeasuredBoats(Remembers):
             Geometry(self.fleet, table, 0.0, team.slot_table, team.axes, team.interval, about=True)
         )
         self.target = self.remember(Target(table, self.now.slot[:, 0]))
-        self.sensor = self.remember(ChartedContacts(
-            team.section.sensors.scaled_contacts, team.sensor, team.fleet, self.fleet, team.interval, number,
+        self.sensor = self.remember(ChartedObjects(
+            team.section.sensors.scaled_objects, team.sensor, team.fleet, self.fleet, team.interval, number,
             chart=tracking.chart, first=tracking.groups[team.name].first, objects=tracking.objects,
         ))  # fmt: skip
 

@@ -40,7 +40,7 @@ from rl.guidance.targets_and_errors import COS, COURSE, EAST, NORTH, SIN, SPEED,
 from rl.guidance.targets_and_errors import V as VELOCITY
 from rl.missions.escort.boats import AGE_SCALE, SIGMA_SCALE
 from rl.missions.escort.config import OrbitConfig
-from rl.missions.escort.host import Parts
+from rl.missions.escort.host import EscortHost
 from rl.missions.escort.tracking import SharedTracking
 from rl.perception.radio import Message
 from rl.perception.sightings import Sighting
@@ -82,7 +82,7 @@ class CirclingTeam(Protocol):
     gap_error: Tensor
     in_range: Tensor
     tracking: SharedTracking
-    mission: Parts
+    mission: EscortHost
 
     @property
     def reference_width(self) -> int:

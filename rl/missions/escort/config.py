@@ -10,9 +10,9 @@ from rl.guidance.course.obstacles import FixedObstacle
 from rl.guidance.residual import ResidualConfig
 from rl.guidance.shapes import EscortShape
 from rl.missions.escort.rewards import EscortAircraftReward, EscortBoatReward
-from rl.perception.contacts import SensorsConfig
 from rl.perception.radio import RadioConfig
 from rl.perception.sightings import CameraConfig, LookoutConfig
+from rl.perception.tracked_objects import SensorsConfig
 from rl.planning.planner import PlanConfig
 from rl.scenario import Evaluation, Scenario
 from taichi_sim.config import Fraction, NonNegative, Positive, Span, Strict, TeamConfig

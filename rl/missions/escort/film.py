@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rl.guidance.targets_and_errors import COURSE, DOWN, NORTH
 from rl.missions.escort.config import EscortConfig, OrbitConfig
-from rl.missions.escort.host import Parts
+from rl.missions.escort.host import EscortHost
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking
 from rl.perception.sightings import Camera, Sighting
 from taichi_sim.kernels.conventions import HORIZONTAL
@@ -42,7 +42,7 @@ class Flying(Protocol):
     orbit: OrbitConfig
 
 
-def overlays_of(mission: Parts, tracking: SharedTracking, flying: Flying | None, env: int) -> tuple[Overlay, ...]:
+def overlays_of(mission: EscortHost, tracking: SharedTracking, flying: Flying | None, env: int) -> tuple[Overlay, ...]:
     """All drawings of environment `env` now, of one frame each."""
     radio = tracking.radio
     age = radio.heard[env, ..., -1].cpu().numpy()

@@ -9,7 +9,7 @@ from rl.missions.escort.config import EscortScenario
 from rl.team import Host
 
 
-class Parts(Host, Protocol):
+class EscortHost(Host, Protocol):
     """What the mission shares; tensors are live.
 
     Attributes:

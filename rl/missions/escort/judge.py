@@ -23,12 +23,12 @@ from rl.judge import (
 from rl.missions.escort.aircraft import EscortAircraft
 from rl.missions.escort.boats import EscortBoats
 from rl.missions.escort.config import EscortScenario
-from rl.missions.escort.host import Parts
+from rl.missions.escort.host import EscortHost
 from rl.missions.escort.tracking import SharedTracking
 from rl.step import Step
 
 
-class Escorted(Parts, Protocol):
+class Escorted(EscortHost, Protocol):
     """What the judge reads of a mission."""
 
     tracking: SharedTracking

@@ -46,6 +46,7 @@ ESTIMATE = 60.0  # ns of one observer, about
 
 PITCH, SEARCH_SPEED, BEGINS, TURNED = range(4)  # columns of `searches`, a row for each observer
 
+LOST, INTERVAL = range(2)  # numbers of the kernel: without news, of a decision, s
 EstimatesPack = ti.types.argpack(targets=array3, age=array2, sigma=array2, course=array2, searching=array2)
 SearchPack = ti.types.argpack(tracks=array4, said=array3, searches=array2, numbers=array1)
 
@@ -55,7 +56,7 @@ def _estimate(out: EstimatesPack, by: SearchPack, which: whole1, serial: ti.temp
     ti.loop_config(serialize=serial)
     for e, o in ti.ndrange(by.tracks.shape[0], by.tracks.shape[1]):
         if which[e] != NOT_DUE:
-            lost, dt = by.numbers[0], by.numbers[1]
+            lost, dt = by.numbers[LOST], by.numbers[INTERVAL]
             place = ti.Vector([by.tracks[e, o, 0, a] for a in ti.static(range(2))])
             north, east = by.tracks[e, o, 0, V_NORTH], by.tracks[e, o, 0, V_EAST]
             old, speed = by.tracks[e, o, 0, AGE], ti.sqrt(north * north + east * east)

@@ -9,8 +9,8 @@ from rl.guidance.course.obstacles import FixedObstacle
 from rl.guidance.residual import ResidualConfig
 from rl.guidance.shapes import Shape
 from rl.missions.formation.rewards import TrackingReward
-from rl.perception.contacts import SensorsConfig
 from rl.perception.radio import RadioConfig
+from rl.perception.tracked_objects import SensorsConfig
 from rl.planning.planner import PlanConfig
 from rl.scenario import Evaluation, Scenario
 from taichi_sim.config import Fraction, NonNegative, Ordered, Positive, Strict, TeamConfig

@@ -18,8 +18,8 @@ from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.judge import FormationJudge
 from rl.missions.formation.team import TeamTask
 from rl.missions.formation.worlds import PER_WORLD, check_teams, draw_starts, draw_traffic, generate_worlds, in_wind
-from rl.perception.contacts import SensorsConfig
 from rl.perception.radio import RadioConfig
+from rl.perception.tracked_objects import SensorsConfig
 from rl.planning.planner import write_obstacles_as_bodies
 from rl.step import Due
 from taichi_sim.config import AirConfig, SeaConfig

@@ -15,10 +15,10 @@ from rl.guidance.targets_and_errors import Geometry, SlotErrors, Target, Targets
 from rl.missions.formation import rewards
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.slots import Slots
-from rl.perception.contacts import TrackedContacts
 from rl.perception.instruments import Readings
 from rl.perception.radio import Radio
 from rl.perception.sensors import Nearby, Sensor
+from rl.perception.tracked_objects import TrackedObjects
 from rl.step import Due, Endings
 from rl.team import Controller, Host
 from taichi_sim.fleet import Fleet
@@ -79,7 +79,7 @@ class TeamTask(ResidualTeam):
         )
         self.now = self.remember(Geometry(self.fleet, targets.table, down, self.slot_table, self.axes, interval))
         self.target = self.remember(Target(targets.table, self.now.slot[:, 0]))
-        exact = config.radio is None and config.sensors.exact and config.sensors.scaled_contacts.exact
+        exact = config.radio is None and config.sensors.exact and config.sensors.scaled_objects.exact
         self.measured = self.remember(None if exact else MeasuredFormation(self, down))
         self.writer = ObservationWriter(self.known, config.observations, self.reference_width)
         self._true = None if exact else ObservationWriter(self, config.observations, self.reference_width)
@@ -191,7 +191,7 @@ class MeasuredFormation(Remembers):
         mission = team.mission
         config, interval = mission.config, mission.config.decision_interval
         number = config.first_number(team.name)
-        exact, contacts = config.sensors.exact, config.sensors.scaled_contacts
+        exact, contacts = config.sensors.exact, config.sensors.scaled_objects
         self.axes, self.radius = team.axes, team.radius
         self.target, self.slot_table = team.target, team.slot_table
         self._team = team
@@ -207,7 +207,7 @@ class MeasuredFormation(Remembers):
             self.now = Geometry(self.fleet, team.target.table, down, team.slot_table, team.axes, interval, heard)
         self.sensor: Nearby = self.remember(team.sensor)
         if not (exact and contacts.exact):
-            self.sensor = TrackedContacts(contacts, team.sensor, team.fleet, self.fleet, interval, number)
+            self.sensor = TrackedObjects(contacts, team.sensor, team.fleet, self.fleet, interval, number)
 
     @property
     def steps(self) -> Tensor:
@@ -229,5 +229,5 @@ class MeasuredFormation(Remembers):
         """Update errors and tracks."""
         if isinstance(self.now, Geometry) and self.now is not self._team.now:
             self.now.measure(due)
-        if isinstance(self.sensor, TrackedContacts):
+        if isinstance(self.sensor, TrackedObjects):
             self.sensor.update(due)

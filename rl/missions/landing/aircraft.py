@@ -1,6 +1,7 @@
 """The aircraft of the mission: their position over their decks, their knowledge of it, and their landings."""
 
 import math
+from typing import Protocol
 
 import torch
 from torch import Tensor
@@ -8,9 +9,8 @@ from torch import Tensor
 from rl.guidance.observations import squashed
 from rl.guidance.rewards import paid
 from rl.missions.landing import rewards
-from rl.missions.landing.config import LandingTeam
-from rl.missions.landing.deck_motion import DeckMotion, Decks
-from rl.missions.landing.host import Parts
+from rl.missions.landing.config import LandingScenario, LandingTeam
+from rl.missions.landing.decks import DeckMotion, Decks
 from rl.missions.landing.known_deck import LAGS, KnownDeck
 from rl.missions.landing.level_frame import into_level
 from rl.missions.landing.marker import Look, Marker
@@ -18,7 +18,7 @@ from rl.missions.landing.pilots import Pilot, corrected
 from rl.perception.instruments import Readings
 from rl.perception.radio import Radio
 from rl.step import COLLIDED, Due, Endings
-from rl.team import Team
+from rl.team import Host, Team
 from taichi_sim.config import ConfigError
 from taichi_sim.kernels.conventions import BELOW, DOWN
 from taichi_sim.models.uav.multirotor.multirotor_6dof import Multirotor6DOF
@@ -34,7 +34,18 @@ STILL = 0.2  # m/s to its deck, below which an aircraft that stands there rests;
 RISING = 1.0  # m/s, of one that must leave its deck; assumed
 
 
-class Aircraft(Team[Parts, LandingTeam]):
+class LandingHost(Host, Protocol):
+    """What the mission, and the model of it (planning_model.py), share with their aircraft; `hs` is [env], m, live."""
+
+    hs: Tensor
+
+    @property
+    def config(self) -> LandingScenario:
+        """The scenario."""
+        ...
+
+
+class Aircraft(Team[LandingHost, LandingTeam]):
     """The team of aircraft, measured after each step; every tensor is [env, aircraft, ...].
 
     Aircraft i lands on boat i. How they know their decks, a derived class says.
@@ -74,7 +85,7 @@ class Aircraft(Team[Parts, LandingTeam]):
     }
     logged = ("landed", "failed", "touch_error_m", "touch_speed")
 
-    def __init__(self, mission: Parts, name: str, decks: Decks):
+    def __init__(self, mission: LandingHost, name: str, decks: Decks):
         """Prepare team `name`, which lands on `decks`.
 
         Raises:
@@ -424,7 +435,7 @@ class Aircraft(Team[Parts, LandingTeam]):
 class SensingAircraft(Aircraft):
     """Aircraft that know their decks by the marker and the boats' messages."""
 
-    def __init__(self, mission: Parts, name: str, decks: Decks, radio: Radio):
+    def __init__(self, mission: LandingHost, name: str, decks: Decks, radio: Radio):
         """Prepare team `name`, whose aircraft come after the boats of `decks` in `radio`."""
         super().__init__(mission, name, decks)
         sensors = self.section.sensors

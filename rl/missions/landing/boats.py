@@ -13,7 +13,7 @@ from rl.guidance.controllers import controller_of
 from rl.guidance.controllers.vessel import CourseCommand, Hull6DofController, Manoeuvring3dofController
 from rl.guidance.targets_and_errors import SLOT_SIZE, TARGET_SIZE, SlotErrors, Target
 from rl.missions.landing.config import LandingScenario
-from rl.missions.landing.deck_motion import DeckMotion, Decks, deck_motion
+from rl.missions.landing.decks import DeckMotion, Decks, deck_motion
 from rl.perception.instruments import Readings
 from rl.perception.sensors import Nearby
 from rl.step import Due

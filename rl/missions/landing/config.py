@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from rl.missions.landing.rewards import AircraftReward
-from rl.perception.contacts import SensorsConfig
 from rl.perception.radio import RadioConfig
+from rl.perception.tracked_objects import SensorsConfig
 from rl.planning.planner import PlanConfig
 from rl.scenario import Evaluation, Scenario
 from taichi_sim.config import Fraction, NonNegative, Positive, Span, Strict, TeamConfig

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from rl.missions.landing.aircraft import Aircraft
-from rl.missions.landing.deck_motion import Decks
+from rl.missions.landing.decks import Decks
 from taichi_sim.kernels.conventions import DOWN
 from taichi_sim.visualisation.recording.overlays import Lines, Overlay, Plot, Points
 

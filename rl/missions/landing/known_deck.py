@@ -21,7 +21,7 @@ import torch
 from torch import Tensor
 
 from rl.missions.landing.boats import Message
-from rl.missions.landing.deck_motion import DeckMotion
+from rl.missions.landing.decks import DeckMotion
 from rl.missions.landing.marker import Look
 from rl.step import BEGINS, NOT_DUE, Due
 from taichi_sim.fleet import Views

@@ -21,14 +21,14 @@ import taichi as ti
 from torch import Tensor
 
 from rl.missions.landing.config import MarkerConfig
-from rl.missions.landing.deck_motion import Decks
+from rl.missions.landing.decks import Decks
 from rl.step import NOT_DUE, Due
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import put, taken
 from taichi_sim.kernels.conventions import BELOW
 from taichi_sim.kernels.packs import struct_of, values_at
-from taichi_sim.kernels.random import CAMERA, normal6, uniform4
+from taichi_sim.kernels.random import CAMERA, CLOCK, KEY, SEED, normal6, uniform4
 from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN, rotated, rotated_back
 from taichi_sim.kernels.runtime import array1, array3, whole1
 from taichi_sim.state.memory import Remembers
@@ -72,8 +72,8 @@ def _look(
     for e, i in ti.ndrange(seen.shape[0], seen.shape[1]):
         if which[e] != NOT_DUE:
             c, b = values_at(kind, camera), i % place.shape[1]
-            u = uniform4(draws[1], CAMERA, draws[2 + e], vehicles + i, draws[0])
-            z = normal6(draws[1], CAMERA + 1, draws[2 + e], vehicles + i, draws[0])
+            u = uniform4(draws[SEED], CAMERA, draws[KEY + e], vehicles + i, draws[CLOCK])
+            z = normal6(draws[SEED], CAMERA + 1, draws[KEY + e], vehicles + i, draws[CLOCK])
             to = taken(place, e, b, 0, 3) - taken(state, e, i, 0, 3)
             down = ti.Vector([boats[e, b, 3 * k + BELOW] for k in ti.static(range(3))])
             r = ti.max(to.norm(), NEAREST)

@@ -13,13 +13,12 @@ import torch
 from torch import Tensor
 
 from rl.mission import Mission
-from rl.missions.landing.aircraft import Aircraft
+from rl.missions.landing.aircraft import Aircraft, LandingHost
 from rl.missions.landing.config import LandingScenario
-from rl.missions.landing.deck_motion import Decks
+from rl.missions.landing.decks import Decks
 from rl.missions.landing.foresight import Foresight
-from rl.missions.landing.host import Parts
-from rl.perception.contacts import SensorsConfig
 from rl.perception.radio import RadioConfig
+from rl.perception.tracked_objects import SensorsConfig
 from rl.step import Due
 from taichi_sim.config import SeaConfig
 from taichi_sim.fleet import Fleet
@@ -124,7 +123,7 @@ class Adrift(Script):
 class ImaginedAircraft(Aircraft):
     """Aircraft that know their decks exactly."""
 
-    def __init__(self, mission: Parts, name: str, decks: Decks, ways: Ways):
+    def __init__(self, mission: LandingHost, name: str, decks: Decks, ways: Ways):
         """Prepare team `name`, which lands on `decks` that move along `ways`."""
         super().__init__(mission, name, decks)
         self._ways = ways

@@ -45,8 +45,8 @@ from taichi_sim.models.catalogue import load_vehicle
 from taichi_sim.options import address, output, port, ranged, seed
 
 if TYPE_CHECKING:
+    from taichi_sim.applications.sitl.craft_recording import CraftRecording
     from taichi_sim.applications.sitl.px4 import Px4Session
-    from taichi_sim.applications.sitl.record import CraftRecording
 
 PORTS = {"ardupilot": (9002, 10), "px4": (4560, 1)}  # protocol -> first port, difference of consecutive instances
 PRINT_EVERY = 5.0  # s between lines of progress
@@ -93,13 +93,13 @@ def fit_out(args: argparse.Namespace, open_things: ExitStack, session: "Session[
         file = _of_instance(args, args.log, k)
         session.seen.append(logger(open_things.enter_context(file.open("w", newline=""))))
     if args.record is not None:
-        from taichi_sim.applications.sitl.record import CraftRecording  # importing rerun takes a second
+        from taichi_sim.applications.sitl.craft_recording import CraftRecording  # importing rerun takes a second
 
         reel = CraftRecording(_of_instance(args, args.record, k), session.craft)
         open_things.callback(_finish, reel)
         session.seen.append(reel.see)
     if args.live and k == 0:
-        from taichi_sim.applications.sitl.record import CraftView
+        from taichi_sim.applications.sitl.craft_recording import CraftView
         from taichi_sim.visualisation.recording.live import Live
 
         live = open_things.enter_context(Live("sitl", port=args.live_port))

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from taichi_sim.applications.bench import Bench
 from taichi_sim.applications.fit.log import Log
 from taichi_sim.applications.fit.log_table import EAST, HEADING, NORTH, YAW_RATE, Array, LogError, held, held_means
 from taichi_sim.applications.fit.sample_selection import SENSORS, Mask
+from taichi_sim.bench import Bench
 from taichi_sim.config import ConfigError
 from taichi_sim.kernels import conventions
 from taichi_sim.models.catalogue import load_vehicle

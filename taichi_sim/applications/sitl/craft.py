@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 from torch import Tensor
 
-from taichi_sim.applications.bench import Bench
 from taichi_sim.applications.sitl.channels import PWM, Mixer, changes_for, default_channels
 from taichi_sim.applications.sitl.driven import Driven, Sensors
+from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig, SeaConfig, WorldConfig
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.conventions import HORIZONTAL

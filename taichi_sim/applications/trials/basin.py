@@ -13,8 +13,8 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 
-from taichi_sim.applications.bench import Bench
 from taichi_sim.applications.trials.results import Array, TrialError
+from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig, ConfigError, SeaConfig
 from taichi_sim.kernels import conventions as at
 from taichi_sim.models.catalogue import Changes, load_vehicle

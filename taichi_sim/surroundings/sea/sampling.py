@@ -4,7 +4,7 @@ The sea is a sum of systems (wind sea, swell), each with its own density. The ba
 bins with one component each. The component has the energy of its bin and a random frequency in it (jitter). Amplitudes
 are then scaled by one factor per system so that sum a^2 / 2 = hs^2 / 16. The significant height of every realisation is
 therefore exact. So is that of a sum of systems, because variances add: hs^2 = hs_1^2 + hs_2^2. A measured system
-(measured/record.py) has its own bins and draw, with the same result.
+(measured/wave_record.py) has its own bins and draw, with the same result.
 
 Random amplitudes: in a Gaussian sea, the amplitude of each component also varies, by Rayleigh's distribution (Tucker,
 Challenor & Carter 1984, Applied Ocean Research 6, 118), a = sigma sqrt(-2 ln U) with sigma^2 the energy of its bin. The

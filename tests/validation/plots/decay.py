@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from taichi_sim.applications.bench import Bench
+from taichi_sim.bench import Bench
 from taichi_sim.config.io import validate
 from taichi_sim.models.usv.hull.params import Hull6DofParams
 from taichi_sim.visualisation.plotting import dress, new_figure

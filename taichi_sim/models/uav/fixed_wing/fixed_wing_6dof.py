@@ -25,6 +25,7 @@ from taichi_sim.kernels.abreast import group, put, some, taken, taken1, taken2
 from taichi_sim.kernels.conventions import DOWN, GRAVITY
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, own_numbers
 from taichi_sim.kernels.position import move, with_position
+from taichi_sim.kernels.random import CLOCK, KEY, SEED
 from taichi_sim.kernels.rotation import attitude_of, position_of, rates_of, store, velocity_of
 from taichi_sim.models.uav import local_air
 from taichi_sim.models.uav.aircraft import STALL_TIME as STALL_TIME_NAME
@@ -287,7 +288,7 @@ class FixedWing6DOF(Aircraft):
 
         e and i may be those of a group (abreast.py).
         """
-        clock, seed, env = around.count[0], around.count[1], taken1(around.count, e, 2)
+        clock, seed, env = around.count[CLOCK], around.count[SEED], taken1(around.count, e, KEY)
         y, delta, eddies, pilot = self.stored(fleet, e, i)
         tau = load_at(build, fleet.load, e, i)
         time, wind_10 = taken(fleet.aux, e, i, TIME, 1)[0], taken2(around.wind, e, 3)

@@ -31,6 +31,7 @@ from taichi_sim.kernels.conventions import AMPLITUDE, DOWN
 from taichi_sim.kernels.lanes import is_laned, lane_of
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, TouchPack, load_at, own_numbers
 from taichi_sim.kernels.position import move, with_position
+from taichi_sim.kernels.random import CLOCK, KEY, SEED
 from taichi_sim.kernels.rotation import UPRIGHT, attitude_of, position_of, rates_of, store, velocity_of
 from taichi_sim.models.contact import deck_motion
 from taichi_sim.models.contact.leg_contact import SOLE_SIZE
@@ -245,7 +246,7 @@ class Multirotor6DOF(Vehicle):
 
         `touch` is used if the build is `decked`.
         """
-        clock, seed, env = around.count[0], around.count[1], taken1(around.count, e, 2)
+        clock, seed, env = around.count[CLOCK], around.count[SEED], taken1(around.count, e, KEY)
         y, omega = taken(fleet.state, e, i, 0, 13), taken(fleet.aux, e, i, at.SPEEDS, self.count)
         eddies, held = taken(fleet.aux, e, i, at.TURBULENCE, 5), taken(fleet.aux, e, i, at.INTEGRALS, 8)
         time, charge = taken(fleet.aux, e, i, at.TIME, 1)[0], taken(fleet.aux, e, i, at.CHARGE, 1)[0]

@@ -76,7 +76,7 @@ Matrix = tuple[
     tuple[Arm, Arm, Arm, Product, Pitch, Product],
     tuple[Arm, Arm, Arm, Product, Product, Yaw],
 ]
-Place = tuple[
+Position = tuple[
     Annotated[Finite, Plausible(5e-4, 0.5, "m", of="length", either=True)],
     Annotated[Finite, Plausible(5e-4, 0.5, "m", of="beam", either=True)],
     Annotated[Finite, Plausible(5e-4, 1.5, "m", of="height", either=True)],
@@ -95,7 +95,7 @@ class RigidBody(Strict):
     """Mass and its distribution: radii of gyration about the CG, or a published matrix."""
 
     mass: Annotated[Positive, Plausible(0.02, 1.3, "kg", of="rho_sea length beam draft")]  # payload included
-    cg: Place  # payload included
+    cg: Position  # payload included
     gyration: tuple[RollArm, LongArm, LongArm] | None = None  # about the CG, for roll, pitch, yaw
     M_rb: Matrix | None = None  # 6 x 6 about CO, symmetric, where a source gives it
 
@@ -228,7 +228,7 @@ class LinearRestoring(Strict):
     G35: Annotated[Finite, Plausible(1e-3, 0.3, "N", of="rho_sea g length^2 beam", either=True)] = 0.0
     # kg; the source adds its weight to -G eta
     payload_mass: Annotated[NonNegative, Plausible(5e-3, 1.0, "kg", of="mass")] = 0.0
-    payload_position: Place = (0.0, 0.0, 0.0)
+    payload_position: Position = (0.0, 0.0, 0.0)
 
 
 class Hull6DofParams(VehicleParams):

@@ -24,7 +24,6 @@ Across = Annotated[Finite, Plausible(1e-3, 0.6, "m", of="beam", either=True)]
 Depth = Annotated[Finite, Plausible(-0.1, 1.5, "m", of="height")]  # propellers are under water
 Port = Annotated[Finite, Plausible(-0.6, -0.03, "m", of="beam")]
 Starboard = Annotated[Finite, Plausible(0.03, 0.6, "m", of="beam")]
-Place = tuple[Along, Across, Depth]
 TurnLeft = Annotated[NonPositive, Plausible(-180.0, -3.0, "deg")]
 TurnRight = Annotated[NonNegative, Plausible(3.0, 180.0, "deg")]
 MOST_THRUSTERS = 8
@@ -142,7 +141,7 @@ class NamedThruster(Strict):
     Commands are made as if the gain were 1, because a controller does not know it.
     """
 
-    position: Place  # b
+    position: tuple[Along, Across, Depth]  # b
     # direction of a positive push on the hull, when not turned: 0 ahead, 90 starboard
     direction_deg: Annotated[Finite, Plausible(3.0, 360.0, "deg", either=True)] = 0.0
     thrust_max: Annotated[Positive, Plausible(1e-4, 2.0, "N", of="mass g")]

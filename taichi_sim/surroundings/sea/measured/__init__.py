@@ -6,11 +6,17 @@ netcdf.py    reads netCDF of wave models, NDBC and CDIP
 spotter.py   reads JSON and CSV of Sofar's Spotter
 wave_models.py  reads text of SWAN and WAVEWATCH III
 spectra.py   what these readers give, and the gate that it passes
-record.py    one sea state: density, directions from their first moments, statistics; wave components drawn from it
+wave_record.py  one sea state: density, directions from their first moments, statistics; wave components drawn from it
 """
 
 from taichi_sim.surroundings.sea.measured.open_file import SpectraFile, open_spectra, records_of
-from taichi_sim.surroundings.sea.measured.record import MeasuredSystem, Realised, WaveRecord, band_moments, realised
+from taichi_sim.surroundings.sea.measured.wave_record import (
+    MeasuredSystem,
+    Realised,
+    WaveRecord,
+    band_moments,
+    realised,
+)
 
 __all__ = [
     "MeasuredSystem", "Realised", "SpectraFile", "WaveRecord", "band_moments", "open_spectra", "realised", "records_of",

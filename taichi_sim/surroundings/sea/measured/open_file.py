@@ -13,16 +13,16 @@ from taichi_sim.config import ConfigError, SeaConfig
 from taichi_sim.errors import MissingExtraError
 from taichi_sim.surroundings.sea.measured.ndbc import is_ndbc, read_ndbc
 from taichi_sim.surroundings.sea.measured.netcdf import read_netcdf
-from taichi_sim.surroundings.sea.measured.record import (
+from taichi_sim.surroundings.sea.measured.spectra import Gridded, checked
+from taichi_sim.surroundings.sea.measured.spotter import is_spotter, read_spotter
+from taichi_sim.surroundings.sea.measured.wave_models import read_text
+from taichi_sim.surroundings.sea.measured.wave_record import (
     WaveRecord,
     direction_grid,
     maximum_entropy,
     narrowed,
     normalised,
 )
-from taichi_sim.surroundings.sea.measured.spectra import Gridded, checked
-from taichi_sim.surroundings.sea.measured.spotter import is_spotter, read_spotter
-from taichi_sim.surroundings.sea.measured.wave_models import read_text
 from taichi_sim.surroundings.sea.spectrum import spreading
 
 ALL = "all"

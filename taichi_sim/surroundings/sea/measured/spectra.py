@@ -3,7 +3,7 @@
 Readers: ndbc.py (NDBC's text), netcdf.py (ERA5, WAVEWATCH III, SWAN, wavespectra, NDBC, CDIP), spotter.py (Sofar's
 Spotter), and the library wavespectra for texts of SWAN and WAVEWATCH III. Wave models give energy by frequency and
 direction. Their values are used as they are, constant over a cell; only the directions are turned to where waves travel
-to, clockwise from north. Buoys give moments, from which the distribution of maximum entropy is made (record.py).
+to, clockwise from north. Buoys give moments, from which the distribution of maximum entropy is made (wave_record.py).
 
 Where a file states its bands, they are used: m_n = sum S (high^(n+1) - low^(n+1)) / (n + 1).
 """
@@ -16,7 +16,7 @@ import numpy as np
 
 from taichi_sim.config import ConfigError
 from taichi_sim.config.columns import MISSING, TURN, without_marks
-from taichi_sim.surroundings.sea.measured.record import band_edges
+from taichi_sim.surroundings.sea.measured.wave_record import band_edges
 
 FEWEST_ANGLES = 3  # directions of a directional spectrum, at least
 EVEN = 0.1  # relative tolerance for the spacing of directions, which text rounds

@@ -10,7 +10,7 @@ from rl.learn.runner import StageRunner
 from rl.team import Team
 
 
-class Companion:
+class JointLearner:
     """A team that learns while another team's runner drives rsl-rl's loop; called, it is the team's policy there.
 
     Each team has its own policy, critic, optimiser and reward, and is updated once an iteration (independent PPO, de

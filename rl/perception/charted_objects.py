@@ -1,4 +1,4 @@
-"""Contacts near the vessels of a team that has charts: team mates as tracked (contacts.py), obstacles from the chart.
+"""What is near the vessels of a team that has charts: team mates as tracked (tracked_objects.py), charted obstacles.
 
 A chart (chart.py) holds what all have sighted. Frame: NED.
 """
@@ -10,10 +10,10 @@ import taichi as ti
 from torch import Tensor
 
 from rl.perception.chart import AGE, EAST, KEEP, NORTH, P_PP, V_EAST, V_NORTH, Chart
-from rl.perception.contacts import ContactsConfig, TrackedContacts
 from rl.perception.radio import NEVER
 from rl.perception.sensors import Nearby, Sight, insert, store_obstacle
 from rl.perception.sightings import Object
+from rl.perception.tracked_objects import ObjectsConfig, TrackedObjects
 from rl.step import NOT_DUE, Due
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
@@ -48,14 +48,14 @@ def _nearest(out: ChartedPack, of: FromPack, which: whole1, sight: ti.template()
                 store_obstacle(out, of.derived, sight, e, i, k, distance[k], index[k], place, there, reach)
 
 
-class ChartedContacts(TrackedContacts):
+class ChartedObjects(TrackedObjects):
     """Contacts of one team of vessels that have a chart: obstacles are the nearest charted objects."""
 
     def __init__(
-        self, config: ContactsConfig, sensor: Nearby, fleet: Views, own: Views, interval: float, vehicles: int, *,
+        self, config: ObjectsConfig, sensor: Nearby, fleet: Views, own: Views, interval: float, vehicles: int, *,
         chart: Chart, first: int, objects: Tensor,
     ):  # fmt: skip
-        """Measure as `TrackedContacts` do, and read `chart`.
+        """Measure as `TrackedObjects` do, and read `chart`.
 
         Args:
             first: number of the team's first vehicle on the chart. objects: [env, object, 6] radius (m) in the last

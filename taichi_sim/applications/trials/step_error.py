@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_sim.applications.bench import Bench
 from taichi_sim.applications.trials.results import TrialError
+from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig, ConfigError, SeaConfig
 from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.models.catalogue import Changes, load_vehicle

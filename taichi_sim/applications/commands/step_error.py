@@ -18,7 +18,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from taichi_sim.applications.trials.step import INTERVAL, ONE_PERCENT, StepError, StepSetting, errors, step_for
+from taichi_sim.applications.trials.step_error import INTERVAL, ONE_PERCENT, StepError, StepSetting, errors, step_for
 from taichi_sim.errors import UserError, message
 from taichi_sim.kernels import runtime
 from taichi_sim.models.catalogue import load_vehicle

@@ -27,7 +27,7 @@ from taichi_sim.config.plausible import Plausible
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import struct_of, values_at
-from taichi_sim.kernels.random import CONTACTS, normal6, uniform4
+from taichi_sim.kernels.random import CLOCK, CONTACTS, KEY, SEED, normal6, uniform4
 from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN, VELOCITY_N
 from taichi_sim.kernels.runtime import array1, array2, array3, array4, array5, whole1
 
@@ -43,7 +43,7 @@ V = VELOCITY_N.start
 TRACK = 400.0  # ns of one vehicle, about
 
 
-class ContactsConfig(Strict):
+class ObjectsConfig(Strict):
     """`[sensors.contacts]`: obstacles and team mates as radar, lidar or cameras have them."""
 
     range_noise: Annotated[NonNegative, Plausible(2e-3, 100.0, "m")] = 0.0  # standard deviation
@@ -67,10 +67,10 @@ class ContactsConfig(Strict):
 class SensorsConfig(InstrumentsConfig):
     """`[sensors]`: errors of instruments and contacts; what is left out is exact."""
 
-    contacts: ContactsConfig = ContactsConfig()
+    contacts: ObjectsConfig = ObjectsConfig()
 
     @property
-    def scaled_contacts(self) -> ContactsConfig:
+    def scaled_objects(self) -> ObjectsConfig:
         """Contacts with their errors multiplied by `errors`; their delay stays, unless `errors` is 0."""
         c, e = self.contacts, self.errors
         noise = {"range_noise": e * c.range_noise, "bearing_noise_deg": e * c.bearing_noise_deg}
@@ -78,7 +78,7 @@ class SensorsConfig(InstrumentsConfig):
         return c.model_copy(update=noise | rest)
 
 
-class ContactsNumbers(NamedTuple):
+class ObjectsNumbers(NamedTuple):
     """Parameters of the kernel, SI."""
 
     reach: float
@@ -92,14 +92,14 @@ class ContactsNumbers(NamedTuple):
     interval: float
 
 
-ContactsPack = ti.types.argpack(
+ObjectsPack = ti.types.argpack(
     gap=array2, obstacles=array4, mates=array4, signals=array3, waiting=array5, tracks=array5
 )
 TruePack = ti.types.argpack(seen=array4, near=array4, true_derived=array3)  # two packs share no name
 OwnPack = ti.types.argpack(state=array3, derived=array3, numbers=array1)
 
 
-class ContactsForm(NamedTuple):
+class ObjectsForm(NamedTuple):
     """Compile-time parameters of the kernel."""
 
     sight: Sight
@@ -137,9 +137,9 @@ def drawn(who, e, k, vehicle, draws: ti.template(), g: ti.template()):
     """Draw random numbers for contact k of a vehicle: six normal ones, a uniform one (0 and 1 if `who` is no body)."""
     z, u = ti.Vector([0.0 for _ in ti.static(range(6))]), 1.0
     if who >= 0:
-        z = normal6(draws[1], CONTACTS + k, draws[2 + e], vehicle, draws[0])
+        z = normal6(draws[SEED], CONTACTS + k, draws[KEY + e], vehicle, draws[CLOCK])
         if g.dropout > 0:
-            u = uniform4(draws[1], CONTACTS + LUCK + k, draws[2 + e], vehicle, draws[0])[0]
+            u = uniform4(draws[SEED], CONTACTS + LUCK + k, draws[KEY + e], vehicle, draws[CLOCK])[0]
     return z, u
 
 
@@ -240,7 +240,7 @@ def put_mate(out: ti.template(), own: ti.template(), e, i, k, t, g: ti.template(
 
 @ti.kernel
 def _contact(
-    out: ContactsPack, true: TruePack, own: OwnPack, which: whole1, steps: ti.types.ndarray(dtype=ti.i64, ndim=1),
+    out: ObjectsPack, true: TruePack, own: OwnPack, which: whole1, steps: ti.types.ndarray(dtype=ti.i64, ndim=1),
     draws: whole1, kind: ti.template(), form: ti.template(),
 ):  # fmt: skip
     ti.loop_config(serialize=form.serial)
@@ -276,11 +276,11 @@ def _contact(
             out.gap[e, i] = clear
 
 
-class TrackedContacts(Nearby):
+class TrackedObjects(Nearby):
     """Obstacles and team mates of one team as its vehicles measure and track them."""
 
     def __init__(
-        self, config: ContactsConfig, sensor: Nearby, fleet: Views, own: Views, interval: float, vehicles: int = 0
+        self, config: ObjectsConfig, sensor: Nearby, fleet: Views, own: Views, interval: float, vehicles: int = 0
     ):
         """Measure what the true `sensor` of `fleet` senses, by vehicles whose instruments say `own`; `interval` s.
 
@@ -289,25 +289,25 @@ class TrackedContacts(Nearby):
         state = fleet.state
         super().__init__(state, sensor.num_obstacles, sensor.num_mates, sensor.reach, sensor.radius, sensor.axes)
         both, rows = sensor.num_obstacles + sensor.num_mates, state.shape[:2]
-        self._numbers = ContactsNumbers(
+        self._numbers = ObjectsNumbers(
             sensor.reach, sensor.radius, config.range_noise, math.radians(config.bearing_noise_deg), config.dropout,
             config.speed, config.acceleration, config.mate_acceleration, interval,
         )  # fmt: skip
         self._waiting = self.remember(state.new_zeros((*rows, config.late + 1, max(both, 1), MEASURED)))
         self._tracks = self.remember(state.new_zeros((*rows, 2, max(both, 1), TRACKED)))
         self._out = runtime.Packed(
-            ContactsPack, gap=self.gap, obstacles=self.obstacles, mates=self.team_mates, signals=self.written,
+            ObjectsPack, gap=self.gap, obstacles=self.obstacles, mates=self.team_mates, signals=self.written,
             waiting=self._waiting, tracks=self._tracks,
         )  # fmt: skip
         self._true = runtime.Packed(TruePack, seen=sensor.obstacles, near=sensor.team_mates, true_derived=fleet.derived)
         self._own = runtime.Packed(
             OwnPack, state=own.state, derived=own.derived, numbers=state.new_tensor(self._numbers)
         )
-        self._form = ContactsForm(Sight(sensor.num_obstacles, sensor.num_mates, sensor.axes), config.late, vehicles)
+        self._form = ObjectsForm(Sight(sensor.num_obstacles, sensor.num_mates, sensor.axes), config.late, vehicles)
         self._rows, self._launch = state.shape[1], runtime.Launcher(_contact, plain=True)
 
     def update(self, due: Due) -> None:
         """Measure in the environments that are `due`."""
-        kind = struct_of(ContactsNumbers._fields, runtime.current().precision)
+        kind = struct_of(ObjectsNumbers._fields, runtime.current().precision)
         form = self._form._replace(serial=runtime.few(due.count * self._rows, TRACK))
         self._launch(self._out(), self._true(), self._own(), due.which, due.steps, due.draws, kind, form)
