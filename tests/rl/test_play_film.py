@@ -4,7 +4,7 @@ simulated."""
 import pytest
 from PIL import Image
 
-from rl.evaluation import record
+from rl.evaluation import episode_recording
 
 SMALL = ("--duration", "0.4", "--film-size", "64x48", "--film-fps", "5")
 
@@ -35,6 +35,6 @@ def test_what_cannot_be_filmed_is_told_before_anything_is_simulated(
     run, tmp_path, monkeypatch, here, arguments, status, words
 ):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(record, "record_episode", None)
+    monkeypatch.setattr(episode_recording, "record_episode", None)
     here("rl.commands.play", run, *arguments).fails(*words, status=status)
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
