@@ -30,6 +30,7 @@ SPIKE = 6.0  # times the damping at either neighbour: a peak that the frequencie
 NAMES = ("heave", "roll", "pitch")
 COARSE = 120  # panels of the coarse pass that finds the resonances
 MOST = 4000  # most panels; matrices take 2 x 16 x MOST^2 bytes per process and symmetry
+FINER = 1.25  # times the wanted panels, from which a mesh gives way to the table of offsets that was made of it
 PER_WAVE = 3.0  # fewest panels per shortest wave, in the tail of the frequencies
 GAP_SIZE = 2.0  # panel size of the damping lid over that of the hull
 COUNT, COUNT_TWIN = 50, (90, 150)  # frequencies of a single hull; of two, where the water resonates sharply: bounds
@@ -200,7 +201,7 @@ def _surface(craft: FloatingHull, mesh: WettedSurface | None, wishes: Wishes) ->
         found = wetted(craft.panels, tiny, wishes.divisions)
         return found, float(np.median(found.edge))
     _check_same(craft, mesh, wishes)
-    if wishes.panels and len(mesh) > (2 * wishes.panels if craft.shape else MOST):
+    if wishes.panels and len(mesh) > (FINER * wishes.panels if craft.shape else MOST):
         own, size = divided(craft.panels, wishes.panels)
         print(f"the mesh has {len(mesh)} panels below water: computed on {len(own)} of the vehicle's table of offsets")
         return own, size
