@@ -3,12 +3,15 @@
 import argparse
 import json
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
-from taichi_sim.options import output, positive_int
+from taichi_sim.options import option, output, positive_int
 
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+TABLES = (".parquet", ".csv")  # of --export
 
 
 def parser() -> argparse.ArgumentParser:
@@ -29,6 +32,13 @@ def parser() -> argparse.ArgumentParser:
     shared.add_run(p)
     p.add_argument("--episodes", type=positive_int, default=None, help="number of episodes (default: the scenario's)")
     p.add_argument("--json", type=output, default=None, metavar="FILE", help="write the figures to FILE, not to stdout")
+    p.add_argument(
+        "--export",
+        type=option(output, lambda file: file.suffix in TABLES, f"must end in {' or '.join(TABLES)}"),
+        default=None,
+        metavar="FILE",
+        help="write vehicles' motion to FILE (.parquet or .csv), and conditions and figures of each episode beside it",
+    )
     p.add_argument(
         "--sweep",
         default=None,
@@ -65,9 +75,9 @@ def units(args: argparse.Namespace) -> int:
 
     config, _ = shared.scenario_of(args)
     if not args.sweep:
-        return -(-(args.episodes or config.evaluation.episodes) // CHUNK)
-    if args.json:
-        raise run_folder.RunError("--sweep writes its own tables: leave out --json")
+        return 1 if args.export else -(-(args.episodes or config.evaluation.episodes) // CHUNK)  # one writes the table
+    if args.json or args.export:
+        raise run_folder.RunError("--sweep writes its own tables: leave out --json and --export")
     return count_cells(load_sweep(find_sweep(args.sweep), episodes=args.episodes, seed=args.seed))
 
 
@@ -75,6 +85,7 @@ def evaluate(args: argparse.Namespace) -> None:
     """Evaluate; rank 0 prints the figures, writes them to --json, and stores them in the run's folder."""
     from rl.commands import shared
     from rl.evaluation.episodes import EvaluationOutcome, Trial, judge_trials
+    from rl.evaluation.export import export_conditions, exported
     from rl.evaluation.store import save_evaluation
     from rl.runs import folder as run_folder
     from rl.runs.main_job import report
@@ -82,8 +93,14 @@ def evaluate(args: argparse.Namespace) -> None:
     config, source, policies, seed = shared.open_run(args)
     shared.agree(config, source)
     trial = Trial(config, policies, args.episodes or config.evaluation.episodes, seed, args.controller, source)
-    for outcome in judge_trials([trial], show_progress=not args.quiet, excerpts=True):
+    with exported(args.export) if args.export else nullcontext() as export:
+        watch = export.chunk if export else None
+        outcomes = judge_trials([trial], show_progress=not args.quiet, excerpts=True, watch=watch)
+    for outcome in outcomes:
         assert isinstance(outcome, EvaluationOutcome)  # judge_trials raises all errors
+        if args.export:
+            beside = export_conditions(args.export, outcome.conditions, outcome.episodes)
+            print(f"export: {args.export}, {beside}", file=sys.stderr)
         if args.controller == "policy":
             shared.tell_corrected(config)
         print(report(outcome.result, config, source), file=sys.stderr)

@@ -5,9 +5,9 @@ thread, so that the result does not depend on the number of threads. An episode 
 beside it: repeating one episode means running its chunk again.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from rl.missions import find_mission
 from rl.runs import ranks
 from rl.runs.folder import EvaluationResult
 from rl.scenario import Scenario, derive_seed
+from rl.step import Step
 from taichi_sim.config import ConfigError
 from taichi_sim.kernels import runtime
 
@@ -52,6 +53,18 @@ class Trial(NamedTuple):
         """The mission of the chunk that begins with episode `first`, at its start."""
         count = min(CHUNK, self.episodes - first)
         return one_episode_each(self.config, tuple(self.policies), count, self.seed, self.source, first)
+
+
+class Watcher(Protocol):
+    """What sees the decisions of a chunk of episodes, before its judges do."""
+
+    def see(self, judges: Mapping[str, Judge], step: Step, number: int) -> None:
+        """Take decision `number` (from 1) into account."""
+        ...
+
+
+Watch = Callable[[Mission, int], Watcher]
+"""What sees the chunk of a mission at its start, whose environment 0 is the episode of this number."""
 
 
 class EvaluationOutcome(NamedTuple):
@@ -107,8 +120,11 @@ def judge_trials(
     cannot: tuple[type[Exception], ...] = (),
     show_progress: bool = True,
     excerpts: bool = False,
+    watch: Watch | None = None,
 ) -> list[EvaluationOutcome | Exception]:
     """Run several trials and return their outcomes in order, or the error of a trial if `cannot` lists its type.
+
+    `watch` sees the chunks of this process.
 
     Processes share the chunks. Rank 0 gets the outcomes, with the same bits as in a single process; the
     other ranks get an empty list.
@@ -124,7 +140,9 @@ def judge_trials(
     with runtime.torch_at_rest(), tqdm(total=total, desc="evaluate", unit="step", disable=not shown) as bar:
 
         def run_all() -> dict[tuple[int, int], _Part]:
-            return {unit: _run_part(trials[unit[0]], unit, cannot, bar, logs if excerpts else None) for unit in own}
+            return {
+                unit: _run_part(trials[unit[0]], unit, cannot, bar, logs if excerpts else None, watch) for unit in own
+            }
 
         parts = {unit: part for of_rank in ranks.gather(run_all) for unit, part in of_rank.items()}
     outcomes = [_pool(trial, [parts[n, first] for first in trial.chunks]) for n, trial in enumerate(trials) if parts]
@@ -148,12 +166,16 @@ def _run_part(
     cannot: tuple[type[Exception], ...],
     bar: tqdm,
     logs: dict[tuple[int, int], EpisodeLog] | None,
+    watch: Watch | None,
 ) -> _Part:
     """Run a chunk; `logs` keeps the logs of the last few chunks."""
     try:
         mission = trial.mission(unit[1])
         log, conditions = None if logs is None else EpisodeLog(mission, unit[1]), conditions_of(mission)
-        judges = run_episodes(mission, trial.policies, bar, log)
+        watchers = [] if log is None else [log]
+        judges = run_episodes(
+            mission, trial.policies, bar, watchers + ([] if watch is None else [watch(mission, unit[1])])
+        )
     except cannot as error:
         return _Part({}, {}, [], [], error)
     if log is None or logs is None:
@@ -199,7 +221,7 @@ def _excerpt(trial: Trial, number: int, episode: int, logs: Mapping[tuple[int, i
         with runtime.torch_at_rest():
             mission = trial.mission(first)
             log = EpisodeLog(mission, first)
-            run_episodes(mission, trial.policies, log=log)
+            run_episodes(mission, trial.policies, watchers=[log])
     return log.excerpt(episode - first)
 
 
@@ -245,14 +267,14 @@ def check_measurable(config: Scenario) -> None:
 
 
 def run_episodes(
-    mission: Mission, policies: Mapping[str, Policy], bar: tqdm | None = None, log: EpisodeLog | None = None
+    mission: Mission, policies: Mapping[str, Policy], bar: tqdm | None = None, watchers: Sequence[Watcher] = ()
 ) -> dict[str, Judge]:
     """Run one episode in every environment of a freshly reset mission; return the judge of each team."""
     judges = {name: mission.Judge(mission, name) for name in mission.teams}
     for number in range(1, mission.config.episode_steps + 1):
         step = mission.step({name: policies[name] for name in mission.teams}, begin=False, observe=())
-        if log is not None:
-            log.see(judges, step, number)
+        for watcher in watchers:
+            watcher.see(judges, step, number)
         for judge in judges.values():
             judge.see(step, number)
         if bar is not None:

@@ -188,7 +188,7 @@ class Hydrodynamics(Strict):
     cross_flow_length: Annotated[NonNegative, Plausible(0.3, 1.2, "m", of="length")] = 0.0
     cross_flow_draft: Annotated[NonNegative, Plausible(0.1, 2.5, "m", of="draft")] = 0.0  # of two hulls: both
     # 2-D drag coefficient of a section (Hoerner 1965)
-    cross_flow_coefficient: Annotated[NonNegative, Plausible(0.1, 3.0)] = 0.0
+    cross_flow_coefficient: Annotated[NonNegative, Plausible(0.1, 4.0)] = 0.0  # of two hulls: both
     cross_flow_strips: Annotated[int, Field(ge=2, le=101)] = 21  # including both ends; width = length / (strips - 1)
     cross_flow_density: WaterDensity = RHO_SEA  # kg/m^3
     lift: Lift = Lift()
