@@ -27,6 +27,21 @@ def refuse(error: type[Exception], *checks: tuple[object, str]) -> None:
 
 
 @contextmanager
+def reading(path: object, error: type[Exception]) -> Generator[None]:
+    """Read a file inside it: what goes wrong is raised as `error`, and names the file.
+
+    Readers of other packages raise what they like.
+    """
+    try:
+        yield
+    except Exception as fault:
+        if isinstance(fault, MissingExtraError) or (isinstance(fault, UserError) and str(path) in str(fault)):
+            raise
+        why = getattr(fault, "strerror", None) or f"{type(fault).__name__}: {fault}"
+        raise error(f"{path}: {fault if isinstance(fault, UserError) else f'cannot be read: {why}'}") from fault
+
+
+@contextmanager
 def needs(package: str, extra: str) -> Generator[None]:
     """Import optional packages inside it: `extra` installs `package`.
 

@@ -16,7 +16,7 @@ import csv
 import math
 import re
 import warnings
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.config.base import ConfigError
+from taichi_sim.errors import reading
 
 Array = NDArray[np.float64]
 
@@ -62,37 +63,44 @@ class Column(NamedTuple):
     unit: str
 
 
+Check = tuple[Iterable[object], Callable[[int], str]]
+"""Whether it holds, by row, and the words for a row."""
+
+
+def judge(refusal: type[Exception], place: Callable[[int], str], *checks: Check) -> None:
+    """Refuse the first row of which one of the `checks` holds, by its `place`."""
+    for wrong, told in checks:
+        for k, holds in enumerate(wrong):
+            if holds:
+                raise refusal(f"{place(k)}: {told(k)}")
+
+
 class Sheet:
     """A table of text: `header`, and `rows` with the numbers of their lines."""
 
     def __init__(self, path: Path, refusal: type[ConfigError] = ConfigError):
         """Read a file; what is wrong with it is raised as `refusal`, here and later."""
         self.path, self.refusal = path, refusal
-        try:
+        with reading(path, refusal):
             text = path.read_bytes().decode("utf-8-sig")
-        except OSError as error:
-            raise refusal(f"{path}: cannot be read: {error.strerror}") from None
-        except UnicodeDecodeError as error:
-            raise refusal(f"{path}: cannot be read: this is no text in UTF-8 ({error.reason})") from None
-        warn_if_cut(path, text)
-        lines = text.splitlines()
-        top = next((line for line in lines if line.strip()), "")
-        self.separator = max(",;\t", key=top.count)
-        try:
+            lines = text.splitlines()
+            top = next((line for line in lines if line.strip()), "")
+            self.separator = max(",;\t", key=top.count)
             parted = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=self.separator)]
-        except csv.Error as error:
-            raise refusal(f"{path}: cannot be read: {error}") from None
+        warn_if_cut(path, text)
         numbered = [(k, row) for k, row in enumerate(parted, 1) if any(row)]
         self.header = numbered[0][1] if numbered else []
         self.rows = numbered[1:]
-        for line, row in self.rows:
-            if any(row[len(self.header) :]):
-                raise self.wrong(line, f"{len(row)} cells under {len(self.header)} names (numbers with decimal commas "
-                                 "are parted by semicolons; nothing stands above the names)")  # fmt: skip
+        wide, rows = len(self.header), [row for _, row in self.rows]
+        self.judge((
+            [any(row[wide:]) for row in rows],
+            lambda k: f"{len(rows[k])} cells under {wide} names (numbers with decimal commas are parted by semicolons; "
+            "nothing stands above the names)",
+        ))  # fmt: skip
 
-    def wrong(self, line: int, told: str) -> ConfigError:
-        """The refusal of a line of the file."""
-        return self.refusal(f"{self.path}, line {line}: {told}")
+    def judge(self, *checks: Check) -> None:
+        """Refuse the first row of which one of the `checks` holds, by its line."""
+        judge(self.refusal, lambda k: f"{self.path}, line {self.line(k)}", *checks)
 
     def line(self, k: int) -> int:
         """Number of the line of row k."""
@@ -120,21 +128,27 @@ class Sheet:
         Raises:
             ConfigError: for an unknown unit, a cell without a finite number, or a mark of a missing value.
         """
-        values = np.empty(len(self.rows))
-        for k, (line, text) in enumerate(self._cells(place)):
-            number = math.nan if missing and not text else self._number(text)
-            if number is None:
-                way = ("write decimal points: commas part columns here" if _COMMA.fullmatch(text) else
-                       "leave out rows without a value")  # fmt: skip
-                raise self.wrong(line, f"{place.title} is not a number: {text!r}; {way}")
-            if not (math.isfinite(number) or missing and math.isnan(number)):
-                raise self.wrong(line, f"{place.title} = {text}: numbers must be finite: leave out such rows")
-            values[k] = number
+        texts, title, least = self._cells(place), place.title, LEAST.get(quantity, TURN)
+        found = [math.nan if missing and not text else self._number(text) for text in texts]
+
+        def no_number(k: int) -> str:
+            comma = _COMMA.fullmatch(texts[k])
+            way = "write decimal points: commas part columns here" if comma else "leave out rows without a value"
+            return f"{title} is not a number: {texts[k]!r}; {way}"
+
+        self.judge(([value is None for value in found], no_number))
+        values = np.array(found, dtype=np.float64)
+        self.judge((
+            ~(np.isfinite(values) | (missing & np.isnan(values))),
+            lambda k: f"{title} = {texts[k]}: numbers must be finite: leave out such rows",
+        ))  # fmt: skip
         if missing:
-            return without_marks(values, least=LEAST.get(quantity, TURN)) * self._factor(place, quantity)
-        k = missing_mark(values, least=LEAST.get(quantity, TURN))
-        if k is not None:
-            raise self.wrong(self.line(k), f"{place.title} = {values[k]:g} marks a missing value: leave out such rows")
+            return without_marks(values, least) * self._factor(place, quantity)
+        mark = missing_mark(values, least)
+        self.judge((
+            np.arange(len(values)) == (-1 if mark is None else mark),
+            lambda k: f"{title} = {values[k]:g} marks a missing value: leave out such rows",
+        ))  # fmt: skip
         return values * self._factor(place, quantity)
 
     def times(self, place: Column) -> tuple[Array, bool]:
@@ -143,41 +157,39 @@ class Sheet:
         Raises:
             ConfigError: for a cell that is no time, numbers among dates, times that do not rise, or other units than s.
         """
-        values, dates, zoned = np.empty(len(self.rows)), None, None
-        factor = self._factor(place, "time")
-        if self.rows and not place.unit and all(_DIGITS.fullmatch(text) for _, text in self._cells(place)):
-            raise self.wrong(self.line(0), f"{place.title} = {self.rows[0][1][place.position]} reads as a date: dates "
-                             f"are 2024-05-01T12:00; seconds are told in the header: {place.title} [s]")  # fmt: skip
-        for k, (line, text) in enumerate(self._cells(place)):
-            number = self._number(text)
-            dated = number is None
-            if dates not in (None, dated):
-                raise self.wrong(line, f"{place.title} = {text!r}: numbers and dates are mixed in this column")
-            dates = dated
-            if number is None:
-                moment = self._moment(line, place.title, text)
-                if zoned not in (None, moment.tzinfo is not None):
-                    raise self.wrong(line, f"{place.title} = {text!r}: some times of this column have an offset from "
-                                     "UTC, others have none: give all of them one")  # fmt: skip
-                zoned = moment.tzinfo is not None
-                values[k] = (moment if zoned else moment.replace(tzinfo=UTC)).timestamp()
-            else:
-                values[k] = factor * number
-            if not math.isfinite(values[k]):
-                raise self.wrong(line, f"{place.title} = {text}: numbers must be finite: leave out such rows")
-            if k and values[k] <= values[k - 1]:
-                same = "is there twice" if values[k] == values[k - 1] else "comes after a later one"
-                raise self.wrong(line, f"{place.title} = {text} {same}: it must increase, for times rise")
-            if abs(values[k]) >= LATEST:
-                raise self.wrong(line, f"{place.title} = {text}: no time in s. Milliseconds are told in the header: "
-                                 "time [ms]; dates are 2024-05-01T12:00")  # fmt: skip
-        return values, bool(dates) or (len(values) > 0 and values[0] >= UNIX)
+        factor, texts, title = self._factor(place, "time"), self._cells(place), place.title
+        numbers = [self._number(text) for text in texts]
+        moments = [_moment(text) if number is None else None for text, number in zip(texts, numbers, strict=True)]
+        dated, zoned = ([x is not None for x in moments], [x is not None and x.tzinfo is not None for x in moments])
+        digits = bool(texts) and not place.unit and all(_DIGITS.fullmatch(text) for text in texts)
+        self.judge(
+            ([digits], lambda k: f"{title} = {texts[k]} reads as a date: dates are 2024-05-01T12:00; seconds are told "
+             f"in the header: {title} [s]"),
+            ([x is None and y is None for x, y in zip(numbers, moments, strict=True)],
+             lambda k: f"{title} is not a number, nor a date such as 2024-05-01T12:00Z: {texts[k]!r}"),
+            ([x != dated[0] for x in dated],
+             lambda k: f"{title} = {texts[k]!r}: numbers and dates are mixed in this column"),
+            ([x != zoned[0] for x in zoned],
+             lambda k: f"{title} = {texts[k]!r}: some times of this column have an offset from UTC, others have none: "
+             "give all of them one"),
+        )  # fmt: skip
+        seconds = (x and (x if x.tzinfo else x.replace(tzinfo=UTC)).timestamp() for x in moments)
+        pairs = zip(numbers, seconds, strict=True)
+        values = np.array([second if number is None else factor * number for number, second in pairs], dtype=np.float64)
+        steps = np.diff(values, prepend=-math.inf)
+        self.judge(
+            (~np.isfinite(values), lambda k: f"{title} = {texts[k]}: numbers must be finite: leave out such rows"),
+            (np.abs(values) >= LATEST, lambda k: f"{title} = {texts[k]}: no time in s. Milliseconds are told in the "
+             "header: time [ms]; dates are 2024-05-01T12:00"),
+            (steps == 0, lambda k: f"{title} = {texts[k]} is there twice: it must increase, for times rise"),
+            (steps < 0, lambda k: f"{title} = {texts[k]} comes after a later one: it must increase, for times rise"),
+        )  # fmt: skip
+        return values, any(dated) or (len(values) > 0 and values[0] >= UNIX)
 
-    def _cells(self, place: Column) -> Iterable[tuple[int, str]]:
-        for line, row in self.rows:
-            if place.position >= len(row):
-                raise self.wrong(line, f"cut short: {len(row)} of {len(self.header)} cells")
-            yield line, row[place.position]
+    def _cells(self, place: Column) -> list[str]:
+        wide = [len(row) for _, row in self.rows]
+        self.judge(([place.position >= x for x in wide], lambda k: f"cut short: {wide[k]} of {len(self.header)} cells"))
+        return [row[place.position] for _, row in self.rows]
 
     def _number(self, text: str) -> float | None:
         if self.separator != "," and text.count(",") == 1:
@@ -186,12 +198,6 @@ class Sheet:
             return None if "_" in text else float(text)
         except ValueError:
             return None
-
-    def _moment(self, line: int, name: str, text: str) -> datetime:
-        try:
-            return datetime.fromisoformat(text)
-        except ValueError:
-            raise self.wrong(line, f"{name} is not a number, nor a date such as 2024-05-01T12:00Z: {text!r}") from None
 
     def _factor(self, place: Column, quantity: str) -> float:
         known = UNITS.get(quantity)
@@ -203,10 +209,19 @@ class Sheet:
         return known[place.unit.lower()]
 
 
-def no_direction(degrees: Array) -> int | None:
-    """First of some directions (deg) that is none: beyond a turn, or below 0 where others are above 180."""
-    wrong = (np.abs(degrees) > TURN + 1e-6) | ((degrees < 0) & (degrees.max(initial=0.0) > 0.5 * TURN))
-    return int(wrong.argmax()) if wrong.any() else None
+def _moment(text: str) -> datetime | None:
+    try:
+        return datetime.fromisoformat(text)
+    except ValueError:
+        return None
+
+
+NO_DIRECTION = "directions are from 0 to 360, or from -180 to 180; a mark of a missing value? Leave out such rows"
+
+
+def no_directions(degrees: Array) -> NDArray[np.bool_]:
+    """Which of some directions (deg) are none: those beyond a turn, or below 0 where others are above 180."""
+    return (np.abs(degrees) > TURN + 1e-6) | ((degrees < 0) & (degrees.max(initial=0.0) > 0.5 * TURN))
 
 
 def warn_if_cut(path: Path, text: str) -> None:

@@ -21,7 +21,8 @@ import torch
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
-from taichi_sim.config.columns import Column, Sheet, no_direction
+from taichi_sim.config.columns import NO_DIRECTION, Column, Sheet, no_directions
+from taichi_sim.errors import reading
 from taichi_sim.kernels import runtime
 
 WAYS = (("speed", "direction_deg"), ("north", "east"))
@@ -72,10 +73,8 @@ def read_series(file: str, blows_from: bool = False) -> tuple[np.ndarray, np.nda
         ConfigError: for a mistake in the file or a speed that no wind or current has; the message names file and line.
     """
     path = Path(file)
-    try:
+    with reading(path, ConfigError):
         stamp = path.stat().st_mtime_ns
-    except OSError as error:
-        raise ConfigError(f"{file}: cannot be read: {error.strerror}") from None
     return _read(path, stamp, blows_from)
 
 
@@ -83,31 +82,30 @@ def read_series(file: str, blows_from: bool = False) -> tuple[np.ndarray, np.nda
 def _read(path: Path, stamp: int, blows_from: bool) -> tuple[np.ndarray, np.ndarray]:
     sheet = Sheet(path)
     way = next((way for way in WAYS if all(sheet.find(name) for name in ("time", *way))), None)
-    if way is None:
-        raise ConfigError(f"{path}: columns are {', '.join(sheet.header) or 'none'}; expected time with "
-                          f"{' or with '.join(' and '.join(way) for way in WAYS)}")  # fmt: skip
-    if not sheet.rows:
-        raise ConfigError(f"{path}: there is no row under the header")
+    if way is None or not sheet.rows:
+        wanted = " or with ".join(" and ".join(way) for way in WAYS)
+        has = f"{', '.join(sheet.header) or 'none'}{'' if sheet.rows else ', and there is no row'}"
+        raise ConfigError(f"{path}: columns are {has}; expected time with {wanted}")
     at, one, other = (place for name in ("time", *way) if (place := sheet.find(name)))
     time, dates = sheet.times(at)
     if not (dates or at.unit) and len(time) > 1:
         step = float(np.median(np.diff(time)))
-        if step < 1.0 or (step == 1.0 and time[0] > DAYS):
-            raise sheet.wrong(sheet.line(0), f"{at.title} = {time[0]:g}: days of a spreadsheet? Rows are {step:g} s "
-                              f"apart. Give ISO dates, or the unit: {at.title} [s], [h] or [days]")  # fmt: skip
+        days = step < 1.0 or (step == 1.0 and time[0] > DAYS)
+        sheet.judge(([days], lambda k: f"{at.title} = {time[k]:g}: days of a spreadsheet? Rows are {step:g} s apart. "
+                     f"Give ISO dates, or the unit: {at.title} [s], [h] or [days]"))  # fmt: skip
     time = time - time[0] if dates else time
-    if time[0] >= LATEST:
-        why = "later than episodes (0 to 1 h), which would have the first row alone"
-        raise sheet.wrong(sheet.line(0), f"{at.title} begins at {time[0]:g} s, {why}: seconds of a day, a week? Count "
-                          "from 0, or give ISO dates")  # fmt: skip
+    why = "later than episodes (0 to 1 h), which would have the first row alone"
+    sheet.judge(([time[0] >= LATEST], lambda k: f"{at.title} begins at {time[k]:g} s, {why}: seconds of a day, a week? "
+                 "Count from 0, or give ISO dates"))  # fmt: skip
     velocity = _by_components(sheet, one, other) if way == WAYS[1] else _by_angle(sheet, one, other, blows_from)
     also = [place for name in WAYS[1] if (place := sheet.find(name))]
     if way == WAYS[0] and len(also) == 2:
         apart = np.hypot(*(velocity - _by_components(sheet, *also)).T)
-        if (apart > ALIKE[0] + ALIKE[1] * np.hypot(*velocity.T)).any():
-            k = int(apart.argmax())
-            raise sheet.wrong(sheet.line(k), f"north and east are {apart[k]:.3g} m/s from speed and direction_deg "
-                              "(where a wind blows from, a current flows to): leave one pair out")  # fmt: skip
+        sheet.judge((
+            apart > ALIKE[0] + ALIKE[1] * np.hypot(*velocity.T),
+            lambda k: f"north and east are {apart[k]:.3g} m/s from speed and direction_deg (where a wind blows from, a "
+            "current flows to): leave one pair out",
+        ))  # fmt: skip
     return time, _possible(sheet, velocity, blows_from)
 
 
@@ -119,11 +117,10 @@ def _by_components(sheet: Sheet, north: Column, east: Column) -> np.ndarray:
 def _by_angle(sheet: Sheet, one: Column, other: Column, blows_from: bool) -> np.ndarray:
     """Velocities [n, 2] of a speed and a direction."""
     speed, direction = sheet.numbers(one, "speed"), sheet.numbers(other, "degrees")
-    if (speed < 0).any():
-        raise sheet.wrong(sheet.line(int((speed < 0).argmax())), "speed must be 0 or more")
-    if (k := no_direction(direction)) is not None:
-        raise sheet.wrong(sheet.line(k), f"{other.title} = {direction[k]:g}: directions are from 0 to 360, or from "
-                          "-180 to 180; a mark of a missing value? Leave out such rows")  # fmt: skip
+    sheet.judge(
+        (speed < 0, lambda k: "speed must be 0 or more"),
+        (no_directions(direction), lambda k: f"{other.title} = {direction[k]:g}: {NO_DIRECTION}"),
+    )
     angle = np.deg2rad(direction + (180.0 if blows_from else 0.0))
     return speed[:, None] * np.stack((np.cos(angle), np.sin(angle)), axis=1)
 
@@ -131,8 +128,6 @@ def _by_angle(sheet: Sheet, one: Column, other: Column, blows_from: bool) -> np.
 def _possible(sheet: Sheet, velocity: np.ndarray, blows_from: bool) -> np.ndarray:
     """The velocities [n, 2], refused by their line if no wind or current is so fast."""
     speed, fastest = np.hypot(*velocity.T), FASTEST_WIND if blows_from else FASTEST_CURRENT
-    if speed.max() > fastest:
-        k = int(speed.argmax())
-        raise sheet.wrong(sheet.line(k), f"{speed[k]:g} m/s: allowed are 0 to {fastest:g}; a mark of a missing value, "
-                          "or other units? Call a column speed [kn]")  # fmt: skip
+    sheet.judge((speed > fastest, lambda k: f"{speed[k]:g} m/s: allowed are 0 to {fastest:g}; a mark of a missing "
+                 "value, or other units? Call a column speed [kn]"))  # fmt: skip
     return velocity

@@ -364,8 +364,8 @@ def test_text_of_wave_models(tmp_path):
     ("name", "content", "part"),
     [
         ("sea.txt", "nothing of the kind", "not known as a spectrum"),
-        ("sea.nc", "neither", "cannot read it"),
-        ("sea.spec", "SWAN   1\nTIME\n", "cannot read it"),
+        ("sea.nc", "neither", "cannot be read"),
+        ("sea.spec", "SWAN   1\nTIME\n", "cut short"),
     ],
 )
 def test_what_is_no_spectrum_is_refused(tmp_path, name, content, part):

@@ -290,7 +290,7 @@ def test_other_files_are_refused(tmp_path):
 
 
 def test_a_library_that_is_missing_is_named_with_its_extra(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "wavespectra", None)
+    monkeypatch.setitem(sys.modules, "netCDF4", None)
     (tmp_path / "sea.nc").write_bytes(b"CDF")
     with pytest.raises(MissingExtraError, match=r'pip install "taichi-sim\[waves\]"'):
         open_spectra(tmp_path / "sea.nc")

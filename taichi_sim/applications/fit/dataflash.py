@@ -29,7 +29,8 @@ from numpy.typing import NDArray
 
 from taichi_sim.applications.fit.log_table import CLOCK, GAP, Array, LogError, Source, Table, drawn_means, held
 from taichi_sim.applications.sitl.channels import FUNCTIONS, default_channels, read_channels
-from taichi_sim.errors import needs
+from taichi_sim.config.columns import judge
+from taichi_sim.errors import needs, refuse
 from taichi_sim.vehicle import Vehicle
 
 INTERVAL = 0.1  # s; assumed, enough for a vessel
@@ -51,40 +52,42 @@ def read_dataflash(file: Path, model: Vehicle, source: Source) -> Table:
         from pymavlink.DFReader import DFReader_binary
     found: dict[str, list[Any]] = {name: [] for name in ("XKF1", "XKF4", "IMU", "RCOU", "PARM")}
     if file.read_bytes()[:3] != b"\xa3\x95\x80":
-        raise LogError(f"{file}: this is no dataflash log of ArduPilot: it begins with no FMT record")
+        raise LogError("this is no dataflash log of ArduPilot: it begins with no FMT record")
     silent = io.StringIO()  # it prints what it skips
     with contextlib.redirect_stdout(silent), contextlib.redirect_stderr(silent):
-        try:
-            log = DFReader_binary(str(file))
-            while (message := log.recv_match(type=list(found))) is not None:
-                found[message.get_type()].append(message)
-        except Exception as error:  # pymavlink documents none
-            raise LogError(f"{file}: this dataflash log cannot be read: {error}") from None
+        log = DFReader_binary(str(file))
+        while (message := log.recv_match(type=list(found))) is not None:
+            found[message.get_type()].append(message)
     _warn_of_damage(file, log)
-    try:
-        parameters = {m.Name: float(m.Value) for m in found["PARM"]}
-        places, changes = _primary(file, found["XKF1"], found["XKF4"], int(parameters.get("EK3_PRIMARY", 0)))
-        gyros = [m for m in found["IMU"] if getattr(m, "I", 0) == 0 and getattr(m, "GH", 1) != 0]
-    except (AttributeError, TypeError, ValueError, OverflowError) as error:
-        raise LogError(f"{file}: this dataflash log cannot be read: {error}") from None
-    for name, messages in {"XKF1": places, "IMU": gyros, "RCOU": found["RCOU"]}.items():
-        if len(messages) < 3:
-            raise LogError(f"{file}: {len(messages)} messages {name}; wanted are XKF1 (EKF3, the primary core, with a "
-                           "position), IMU (sensor 0, healthy) and RCOU: see LOG_BITMASK and EK3_ENABLE")  # fmt: skip
-    place, t_place = _columns(file, "XKF1", places, ("PN", "PE", "Yaw"))
-    gyro, t_gyro = _columns(file, "IMU", gyros, ("GyrZ",))
-    widths, t_widths = _columns(file, "RCOU", found["RCOU"], [c for c in OUTPUTS if hasattr(found["RCOU"][0], c)])
-    if t_place[-1] - t_place[0] > LONGEST:
-        raise LogError(f"{file}: XKF1 goes from {t_place[0]:g} to {t_place[-1]:g} s: a damaged time, or several logs?")
+    parameters = {m.Name: float(m.Value) for m in found["PARM"]}
+    places, changes = _primary(found["XKF1"], found["XKF4"], int(parameters.get("EK3_PRIMARY", 0)))
+    gyros = [m for m in found["IMU"] if getattr(m, "I", 0) == 0 and getattr(m, "GH", 1) != 0]
+    counts = {"XKF1": len(places), "IMU": len(gyros), "RCOU": len(found["RCOU"])}
+    name = min(counts, key=lambda name: counts[name])
+    wanted = "XKF1 (EKF3, the primary core, with a position), IMU (sensor 0, healthy) and RCOU"
+    few = f"{counts[name]} messages {name}; wanted are {wanted}: see LOG_BITMASK and EK3_ENABLE"
+    refuse(LogError, (counts[name] < 3, few))
+    place, t_place = _columns("XKF1", places, ("PN", "PE", "Yaw"))
+    gyro, t_gyro = _columns("IMU", gyros, ("GyrZ",))
+    widths, t_widths = _columns("RCOU", found["RCOU"], [c for c in OUTPUTS if hasattr(found["RCOU"][0], c)])
+    long = t_place[-1] - t_place[0] > LONGEST
+    refuse(LogError, (long, f"XKF1 goes from {t_place[0]:g} to {t_place[-1]:g} s: a damaged time, or several logs?"))
     t = t_place[0] + INTERVAL * np.arange(int((t_place[-1] - t_place[0]) / INTERVAL + CLOCK) + 1)
     t = t[np.all([_covered(clock, t) for clock in (t_place, t_gyro, t_widths)], axis=0)]
     for before, after in changes:  # between two lanes there is no position
         t = t[(t <= before + CLOCK) | (t >= after - CLOCK)]
-    if len(t) < 3:
-        raise LogError(f"{file}: XKF1, IMU and RCOU have no time in common")
     north, east, yaw = place.T
-    channels = _channels(file, model, source.channels, parameters)
-    _check_constant(file, found["PARM"], [f"SERVO{abs(n)}_{key}" for n in channels.values() for key in WIDTHS])
+    channels = _channels(model, source.channels, parameters)
+    values: dict[str, dict[float, None]] = {f"SERVO{abs(n)}_{key}": {} for n in channels.values() for key in WIDTHS}
+    for message in found["PARM"]:
+        values.get(message.Name, {})[float(message.Value)] = None
+    changed = next((name for name, given in values.items() if len(given) > 1), "")
+    told = ", ".join(f"{value:g}" for value in values.get(changed, ()))
+    refuse(
+        LogError,
+        (len(t) < 3, "XKF1, IMU and RCOU have no time in common"),
+        (changed, f"{changed} was changed in this log ({told}): part it there"),
+    )
     columns = {
         "t": t,
         "north": np.interp(t, t_place, north),
@@ -93,25 +96,13 @@ def read_dataflash(file: Path, model: Vehicle, source: Source) -> Table:
         "yaw_rate": _means(t_gyro, gyro.squeeze(1), t, INTERVAL),
         **{
             name: drawn_means(t_widths, values, t, t + INTERVAL)
-            for name, values in _actions(file, model, channels, parameters, widths).items()
+            for name, values in _actions(model, channels, parameters, widths).items()
         },
     }
     return Table(columns, lambda k: f"at {t[k]:.1f} s", np.array([after - CLOCK for _, after in changes]))
 
 
-def _check_constant(file: Path, told: list[Any], names: list[str]) -> None:
-    """LogError if a parameter that widths are converted by was changed in a log: it holds for all of it."""
-    for name in names:
-        values = list(dict.fromkeys(float(m.Value) for m in told if m.Name == name))
-        if len(values) > 1:
-            raise LogError(
-                f"{file}: {name} was changed in this log ({', '.join(f'{v:g}' for v in values)}): part it there"
-            )
-
-
-def _primary(
-    file: Path, places: list[Any], states: list[Any], usual: int
-) -> tuple[list[Any], list[tuple[float, float]]]:
+def _primary(places: list[Any], states: list[Any], usual: int) -> tuple[list[Any], list[tuple[float, float]]]:
     """Messages XKF1 of the lane that is primary at their time, where it has a position; and its changes.
 
     A change is the times (s) of the last message of one lane and the first one of the next. Without XKF4.PI the lane
@@ -132,7 +123,7 @@ def _primary(
             kept = [(m, of) for (m, of), good in zip(kept, there, strict=True) if of != lane or good]
     if not kept:
         lanes = ", ".join(str(x) for x in sorted({int(getattr(m, "C", 0)) for m in places})) or "none"
-        raise LogError(f"{file}: no position: XKF1 has core {lanes}, primary is {np.unique(primary)} (XKF4.PI); or the "
+        raise LogError(f"no position: XKF1 has core {lanes}, primary is {np.unique(primary)} (XKF4.PI); or the "
                        "estimate has no horizontal position (XKF4.SS)")  # fmt: skip
     changes = [(MICRO * m.TimeUS, MICRO * n.TimeUS) for (m, a), (n, b) in pairwise(kept) if a != b]
     return [m for m, _ in kept], changes
@@ -156,21 +147,20 @@ def _warn_of_damage(file: Path, log: Any) -> None:
         warnings.warn(f"{file}: cut: its last {rest} bytes are no whole message", stacklevel=2)
 
 
-def _columns(file: Path, name: str, messages: list[Any], fields: tuple[str, ...] | list[str]) -> tuple[Array, Array]:
+def _columns(name: str, messages: list[Any], fields: tuple[str, ...] | list[str]) -> tuple[Array, Array]:
     """Fields [message, field] of messages, and their times, s; LogError for a missing one or a clock that runs back."""
-    try:
-        rows = np.array([[m.TimeUS, *(getattr(m, field) for field in fields)] for m in messages], dtype=np.float64)
-    except (AttributeError, TypeError, ValueError) as error:
-        raise LogError(f"{file}: {name} lacks a field: {error}") from None
+    rows = np.array([[m.TimeUS, *(getattr(m, field) for field in fields)] for m in messages], dtype=np.float64)
     t = MICRO * rows[:, 0]
-    if (back := np.flatnonzero(np.diff(t) <= 0)).size:
-        k = int(back[0])
-        raise LogError(f"{file}: message {k + 2} of {name}: time goes from {t[k]:g} to {t[k + 1]:g} s: it must "
-                       "increase (two flights in one file?)")  # fmt: skip
+    judge(
+        LogError,
+        lambda k: f"message {k + 1} of {name}",
+        (np.diff(t, prepend=-np.inf) <= 0,
+         lambda k: f"time goes from {t[k - 1]:g} to {t[k]:g} s: it must increase (two flights in one file?)"),
+    )  # fmt: skip
     return rows[:, 1:], t
 
 
-def _channels(file: Path, model: Vehicle, asked: str, parameters: Mapping[str, float]) -> dict[str, int]:
+def _channels(model: Vehicle, asked: str, parameters: Mapping[str, float]) -> dict[str, int]:
     """Channels of the vehicle's controls: control -> channel, negative if reversed.
 
     Where none is asked for, a control of several channels in the log, or of none, is a LogError.
@@ -189,27 +179,28 @@ def _channels(file: Path, model: Vehicle, asked: str, parameters: Mapping[str, f
                 parameters.get(f"SERVO{n}_FUNCTION") for n in range(1, 15)
             }:
                 way = "it has two throttles, 73 and 74: give --set 'actions=\"left_right\"', if the vehicle has it"
-            raise LogError(f"{file}: {len(mine)} servo outputs have the function {function} of {control}: {way}")
+            raise LogError(f"{len(mine)} servo outputs have the function {function} of {control}: {way}")
         found[control] = mine[0]
     return found
 
 
 def _actions(
-    file: Path, model: Vehicle, channels: Mapping[str, int], parameters: Mapping[str, float], widths: Array
+    model: Vehicle, channels: Mapping[str, int], parameters: Mapping[str, float], widths: Array
 ) -> dict[str, Array]:
     """Actions from pulse widths [sample, output]."""
     shares = {}
     for control, channel in channels.items():
         n = abs(channel)
-        if n > widths.shape[1]:
-            raise LogError(f"{file}: no output {n} for {control}; RCOU has {widths.shape[1]}")
         low, middle, high, back = (parameters.get(f"SERVO{n}_{key}", usual) for key, usual in WIDTHS.items())
-        if not low < middle < high:
-            raise LogError(f"{file}: SERVO{n}_MIN, _TRIM, _MAX are {low:g}, {middle:g}, {high:g}: they must increase")
-        width = widths[:, n - 1]
-        if not width.any():
-            raise LogError(f"{file}: RCOU.C{n} is 0 all the time: output {n} of {control} gives no pulses (disarmed, "
-                           f"or another output?): name it by --channels {control}=N")  # fmt: skip
+        width = widths[:, n - 1 : n].squeeze()
+        refuse(
+            LogError,
+            (n > widths.shape[1], f"no output {n} for {control}; RCOU has {widths.shape[1]}"),
+            (not low < middle < high,
+             f"SERVO{n}_MIN, _TRIM, _MAX are {low:g}, {middle:g}, {high:g}: they must increase"),
+            (not width.any(), f"RCOU.C{n} is 0 all the time: output {n} of {control} gives no pulses (disarmed, or "
+             f"another output?): name it by --channels {control}=N"),
+        )  # fmt: skip
         share = np.where(width > middle, (width - middle) / (high - middle), (width - middle) / (middle - low))
         share = np.where(width > 0, share.clip(-1.0, 1.0), 0.0)  # a width of 0 is no output
         shares[control] = -share if (back == 1.0) != (channel < 0) else share

@@ -28,14 +28,16 @@ from taichi_sim.applications.fit.log_table import (
     Table,
 )
 from taichi_sim.applications.fit.sample_selection import Mask, inspected
-from taichi_sim.config.columns import LATEST, Sheet, no_direction
+from taichi_sim.config.columns import LATEST, NO_DIRECTION, Sheet, no_directions
 from taichi_sim.config.series import FASTEST_WIND
+from taichi_sim.errors import reading, refuse
 from taichi_sim.vehicle import Vehicle
 
 JITTER = 0.5  # of the usual interval, within which an interval is no gap
 FASTEST, SLOWEST = 1e-3, 2.0  # s, intervals between samples
 SMALL, LARGE = 1 / 40, 40.0  # ratios of two rates that should agree, beyond which one of them is in degrees
 OTHER_KINDS = {  # endings of logs that are not read -> the way out
+    ".db3": "name the folder of this bag of ROS 2, with its metadata.yaml",
     ".bag": "convert this bag of ROS 1 by rosbags-convert",
     ".ulg": "convert this log of PX4 to CSV by ulog2csv",
     ".log": "take the .bin of this log, or write a CSV",
@@ -88,10 +90,8 @@ def read_columns(file: Path) -> dict[str, Column]:
     Raises:
         LogError: for a file that is not of this kind.
     """
-    try:
+    with reading(file, LogError):
         lines = tomllib.loads(file.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise LogError(f"{file}: {error}") from None
     found = {}
     for name, value in lines.items():
         source, factor = value if isinstance(value, list) and len(value) == 2 else (value, 1.0)
@@ -111,20 +111,22 @@ def read_log(file: Path, model: Vehicle, source: Source | None = None) -> Log:
         MissingExtraError: for a bag or a .bin, if the package that reads it is not installed.
     """
     source = source or Source()
-    if not file.exists():
-        raise LogError(f"{file}: No such file or folder")
-    if way := OTHER_KINDS.get(file.suffix.lower()):
-        raise LogError(f"{file}: logs are CSV, .bin of ArduPilot, and bags of ROS 2 (.mcap, folders): {way}")
-    if unknown := set(source.columns) - known_columns(model):
-        raise LogError(f"--columns: {min(unknown)} is no column of a log of this vehicle; it has "
-                       f"{', '.join(sorted(known_columns(model)))}")  # fmt: skip
-    if file.is_dir() or file.suffix.lower() in (".mcap", ".db3"):
-        table = read_bag(file, model.action_names, source)
-    elif file.suffix.lower() == ".bin":
-        table = read_dataflash(file, model, source)
-    else:
-        table = _read_csv(file, model.action_names, source.columns)
-    return _checked(file, table, model.action_names)
+    way, known = OTHER_KINDS.get(file.suffix.lower()), known_columns(model)
+    unknown = min(set(source.columns) - known, default="")
+    refuse(
+        LogError,
+        (not file.exists(), f"{file}: No such file or folder"),
+        (way, f"{file}: logs are CSV, .bin of ArduPilot, and bags of ROS 2 (.mcap, folders): {way}"),
+        (unknown, f"--columns: {unknown} is no column of a log of this vehicle; it has {', '.join(sorted(known))}"),
+    )
+    with reading(file, LogError):
+        if file.is_dir() or file.suffix.lower() == ".mcap":
+            table = read_bag(file, model.action_names, source)
+        elif file.suffix.lower() == ".bin":
+            table = read_dataflash(file, model, source)
+        else:
+            table = _read_csv(file, model.action_names, source.columns)
+        return _checked(file, table, model.action_names)
 
 
 def known_columns(model: Vehicle) -> set[str]:
@@ -136,39 +138,37 @@ def _checked(file: Path, table: Table, action_names: Sequence[str]) -> Log:
     """The log of a table; LogError as of `read_log`."""
     columns = table.columns
     for name, values in columns.items():
-        if len(bad := np.flatnonzero(~(np.abs(values) < (LATEST if name == "t" else FAR)))):
-            raise LogError(f"{file}: {table.place(int(bad[0]))}: {name} = {values[bad[0]]:g} is no value: leave out "
-                           "such samples")  # fmt: skip
+        none = ~(np.abs(values) < (LATEST if name == "t" else FAR))
+        table.judge((none, lambda k, name=name: f"{name} = {columns[name][k]:g} is no value: leave out such samples"))
     t = columns["t"]
     steps = np.diff(t)
-    if (steps <= 0).any():
-        k = int(np.flatnonzero(steps <= 0)[0])
-        raise LogError(f"{file}: {table.place(k + 1)}: time goes from {t[k]:g} to {t[k + 1]:g} s: it must increase")
-    usual = float(np.median(steps))
-    if not FASTEST <= usual <= SLOWEST:
-        raise LogError(f"{file}: samples are {usual:g} s apart: is t in other units than s? Allowed are {FASTEST:g} to "
-                       f"{SLOWEST:g} s")  # fmt: skip
+    back = np.diff(t, prepend=-np.inf) <= 0
+    table.judge((back, lambda k: f"time goes from {t[k - 1]:g} to {t[k]:g} s: it must increase"))
+    usual, allowed = float(np.median(steps)), f"allowed are {FASTEST:g} to {SLOWEST:g} s"
+    far = {name: float(np.abs(columns[name]).max()) for name in action_names if np.abs(columns[name]).max() > 1 + 1e-6}
+    action, most = next(iter(far.items()), ("", 0.0))
+    refuse(
+        LogError,
+        (not FASTEST <= usual <= SLOWEST, f"samples are {usual:g} s apart: is t in other units than s? {allowed}"),
+        (action, f"{action} goes to {most:g}: actions are from -1 to 1"),
+    )
     motion = np.stack([columns[name] for name in CHANNELS], axis=1)
     begin = np.union1d(np.flatnonzero(steps > GAP * usual) + 1, np.searchsorted(t, table.breaks))
     breaks = [0, *begin[(begin > 0) & (begin < len(t))], len(t)]
     parts = tuple(slice(int(a), int(b)) for a, b in zip(breaks[:-1], breaks[1:], strict=True))
     actions = np.stack([columns[name] for name in action_names], axis=1)
-    for k, name in enumerate(action_names):
-        worst = float(np.abs(actions[:, k]).max())
-        if worst > 1 + 1e-6:
-            raise LogError(f"{file}: {name} goes to {worst:g}: actions are from -1 to 1")
-    _check_angles(file, t, motion, parts)
+    _check_angles(t, motion, parts)
     motion, new, parts, notes = inspected(t, motion, parts)
-    _check_rates(file, t, motion, parts)
+    _check_rates(t, motion, parts)
     wind = None
     if "wind_speed" in columns:
         speed, origin = columns["wind_speed"], columns["wind_from"]
-        if (speed < 0).any() or (speed > FASTEST_WIND).any():
-            raise LogError(f"{file}: wind_speed goes from {speed.min():g} to {speed.max():g}: allowed are 0 to "
-                           f"{FASTEST_WIND:g} m/s")  # fmt: skip
-        if (k := no_direction(np.degrees(origin))) is not None:
-            raise LogError(f"{file}: {table.place(k)}: wind_from is {np.degrees(origin[k]):g} degrees: directions are "
-                           "from 0 to 360, or from -180 to 180; a mark of a missing value?")  # fmt: skip
+        table.judge(
+            ((speed < 0) | (speed > FASTEST_WIND),
+             lambda k: f"wind_speed = {speed[k]:g}: allowed are 0 to {FASTEST_WIND:g} m/s"),
+            (no_directions(np.degrees(origin)),
+             lambda k: f"wind_from is {np.degrees(origin[k]):g} degrees: {NO_DIRECTION}"),
+        )  # fmt: skip
         wind = -speed[:, None] * np.stack((np.cos(origin), np.sin(origin)), axis=1)
     return Log(file.name, t, motion, actions, parts, _digest(file), new, notes, wind)
 
@@ -183,22 +183,23 @@ def _digest(file: Path) -> str:
 
 def _read_csv(file: Path, action_names: Sequence[str], where: Mapping[str, Column]) -> Table:
     sheet = Sheet(file, LogError)
-    if len(sheet.rows) < 2:
-        raise LogError(f"{file}: a header and at least two rows are wanted, there are {len(sheet.rows)} rows")
+    has = f"it has {', '.join(sheet.header)}, and {len(sheet.rows)} rows"
 
     def column(name: str, needed: bool = True) -> Array | None:
         """Values of a column, in rad if it is in degrees; None if it is neither there nor needed."""
-        for found in (name, f"{name}_deg") if name in ANGLES else (name,):
+        names = (name, f"{name}_deg") if name in ANGLES else (name,)
+        place, found, factor, lacking = None, "", 1.0, f"no column {' or '.join(names)}"
+        for found in names:
             source, factor = where.get(found, Column(found))
             if (place := sheet.find(source)) is not None:
                 break
             if found in where:
-                raise LogError(f"{file}: no column {source} for {found}; it has {', '.join(sheet.header)}")
-        else:
-            if not needed:
-                return None
-            also = f" or {name}_deg" if name in ANGLES else ""
-            raise LogError(f"{file}: no column {name}{also}; it has {', '.join(sheet.header)}")
+                needed, lacking = True, f"no column {source} for {found}"
+                break
+        if place is None and not needed:
+            return None
+        refuse(LogError, (place is None, f"{lacking}; {has}"), (len(sheet.rows) < 2, f"two rows are wanted; {has}"))
+        assert place is not None
         if name == "t" and factor == 1.0:
             return sheet.times(place)[0]
         values = factor * sheet.numbers(place, QUANTITIES.get(found, "number") if factor == 1.0 else "")
@@ -210,7 +211,7 @@ def _read_csv(file: Path, action_names: Sequence[str], where: Mapping[str, Colum
     return Table({k: v for k, v in columns.items() if v is not None}, lambda k: f"line {sheet.line(k)}")
 
 
-def _check_angles(file: Path, t: Array, motion: Array, parts: tuple[slice, ...]) -> None:
+def _check_angles(t: Array, motion: Array, parts: tuple[slice, ...]) -> None:
     """Compare heading with course over ground, to find one that is not there, degrees and other frames."""
     headings, courses = [np.zeros(0)], [np.zeros(0)]
     for part in parts:
@@ -227,9 +228,6 @@ def _check_angles(file: Path, t: Array, motion: Array, parts: tuple[slice, ...])
         complex(np.mean(np.exp(1j * x))) for x in (chi - psi, chi - np.radians(psi), chi - np.degrees(psi), chi + psi)
     )
     frozen = bool(np.ptp(motion[:, HEADING]) == 0)
-    if frozen and abs(right) < STEADY:
-        raise LogError(f"{file}: heading is {np.degrees(psi[0]) % 360:g} degrees all the time, whatever the course "
-                       f"over ground: {NO_HEADING}")  # fmt: skip
     course = "by the course over ground: name the column"
     others = {
         f"heading looks like degrees, {course} heading_deg (and yaw_rate yaw_rate_deg, if it is in degrees per second)":
@@ -240,19 +238,20 @@ def _check_angles(file: Path, t: Array, motion: Array, parts: tuple[slice, ...])
         "(ENU); wanted is clockwise from north": abs(enu),
     }  # fmt: skip
     likely = max(others, key=lambda told: others[told])  # of a steady course, more than one is clear
-    if others[likely] > max(CLEAR, abs(right) + CLEARER):
-        raise LogError(f"{file}: {likely}")
     aside = float(np.angle(right))
-    if abs(right) > CLEAR and ASIDE[0] < abs(aside) < ASIDE[1]:
-        side = "starboard" if aside > 0 else "port"
-        unmeasured = f". Or {NO_HEADING}" if frozen else ""
-        raise LogError(
-            f"{file}: the course over ground lies {np.degrees(abs(aside)):.0f} degrees to {side} of the heading, all "
-            f"the time: is the heading counted from east (ENU)? Wanted is clockwise from north{unmeasured}"
-        )
+    side, unmeasured = "starboard" if aside > 0 else "port", f". Or {NO_HEADING}" if frozen else ""
+    refuse(
+        LogError,
+        (frozen and abs(right) < STEADY, f"heading is {np.degrees(psi[0]) % 360:g} degrees all the time, whatever the "
+         f"course over ground: {NO_HEADING}"),
+        (others[likely] > max(CLEAR, abs(right) + CLEARER), likely),
+        (abs(right) > CLEAR and ASIDE[0] < abs(aside) < ASIDE[1],
+         f"the course over ground lies {np.degrees(abs(aside)):.0f} degrees to {side} of the heading, all the time: is "
+         f"the heading counted from east (ENU)? Wanted is clockwise from north{unmeasured}"),
+    )  # fmt: skip
 
 
-def _check_rates(file: Path, t: Array, motion: Array, parts: tuple[slice, ...]) -> None:
+def _check_rates(t: Array, motion: Array, parts: tuple[slice, ...]) -> None:
     """Compare the unwrapped heading with the yaw rate, to find one that is not there, degrees and wrong signs."""
     steps = float(np.median(np.diff(t)))
     whole = [part for part in parts if part.stop - part.start >= 5]
@@ -262,21 +261,18 @@ def _check_rates(file: Path, t: Array, motion: Array, parts: tuple[slice, ...]) 
         return
     turned = max(float(np.ptp(motion[part, HEADING])) for part in whole)
     swung = max(float(np.ptp(np.cumsum((motion[part, YAW_RATE] - r.mean()) * steps))) for part in whole)  # no bias
-    if np.ptp(r) == 0 and turned > TURNS:
-        raise LogError(f"{file}: yaw_rate is {r[0]:g} all the time, while heading turns by {np.degrees(turned):.0f} "
-                       "degrees: there is no yaw rate in this log: give one that was measured")  # fmt: skip
-    if turned == 0 and swung > TURNS:
-        raise LogError(f"{file}: heading never changes, while yaw_rate turns it by {np.degrees(swung):.0f} degrees: "
-                       f"{NO_HEADING}")  # fmt: skip
-    if np.sqrt(np.mean(r**2)) < 1e-3:
-        return
-    slope = float(turning @ r / (r @ r))
-    if abs(slope) > LARGE:
-        raise LogError(f"{file}: heading changes {slope:.0f} times as fast as yaw_rate says: heading looks like "
-                       "degrees (name the column heading_deg), or yaw_rate_deg like radians (yaw_rate)")  # fmt: skip
-    if 0 < abs(slope) < SMALL:
-        raise LogError(f"{file}: yaw_rate is {1 / slope:.0f} times the change of heading: it looks like degrees per "
-                       "second (name the column yaw_rate_deg), or heading_deg like radians (heading)")  # fmt: skip
-    if slope < -0.5:
-        raise LogError(f"{file}: heading turns against yaw_rate: one of them counts to port (heading is clockwise "
-                       "from north, yaw_rate is bow to starboard)")  # fmt: skip
+    slope = float(turning @ r / (r @ r)) if np.sqrt(np.mean(r**2)) >= 1e-3 else 1.0
+    less = 1 / slope if slope else 0.0
+    refuse(
+        LogError,
+        (np.ptp(r) == 0 and turned > TURNS, f"yaw_rate is {r[0]:g} all the time, while heading turns by "
+         f"{np.degrees(turned):.0f} degrees: there is no yaw rate in this log: give one that was measured"),
+        (turned == 0 and swung > TURNS, f"heading never changes, while yaw_rate turns it by {np.degrees(swung):.0f} "
+         f"degrees: {NO_HEADING}"),
+        (abs(slope) > LARGE, f"heading changes {slope:.0f} times as fast as yaw_rate says: heading looks like degrees "
+         "(name the column heading_deg), or yaw_rate_deg like radians (yaw_rate)"),
+        (0 < abs(slope) < SMALL, f"yaw_rate is {less:.0f} times the change of heading: it looks like degrees per "
+         "second (name the column yaw_rate_deg), or heading_deg like radians (heading)"),
+        (slope < -0.5, "heading turns against yaw_rate: one of them counts to port (heading is clockwise from north, "
+         "yaw_rate is bow to starboard)"),
+    )  # fmt: skip

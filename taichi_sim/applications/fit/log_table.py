@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.config import ConfigError
+from taichi_sim.config.columns import Check, judge
 
 Array = NDArray[np.float64]
 CLOCK = 1e-6  # s, to which clocks are compared
@@ -42,6 +43,10 @@ class Table(NamedTuple):
     columns: dict[str, Array]  # t, CHANNELS, the actions, and WIND if it was measured; all of one length
     place: Callable[[int], str]  # number of a sample -> where it is in the file
     breaks: Array = np.empty(0)  # times at which the source of a column changes: a new part begins, s
+
+    def judge(self, *checks: Check) -> None:
+        """Refuse the first sample of which one of the `checks` holds."""
+        judge(LogError, self.place, *checks)
 
 
 def held(t: Array, values: Array, at: Array) -> Array:

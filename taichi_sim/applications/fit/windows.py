@@ -12,6 +12,7 @@ from taichi_sim.applications.fit.log_table import EAST, HEADING, NORTH, YAW_RATE
 from taichi_sim.applications.fit.sample_selection import SENSORS, Mask
 from taichi_sim.bench import Bench
 from taichi_sim.config import ConfigError
+from taichi_sim.errors import refuse
 from taichi_sim.kernels import conventions
 from taichi_sim.models.catalogue import load_vehicle
 from taichi_sim.models.usv.vessel_base import Vessel
@@ -75,13 +76,12 @@ def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
                     short = True
     if not found:
         names = ", ".join(log.name for log in logs)
-        if short:
-            few = ", ".join(f"{n} of {name}" for name, n in WANTED.items())
-            raise LogError(
-                f"{names}: no window of {seconds:g} s has enough new samples ({few}): give a longer --window"
-            )
+        few = ", ".join(f"{n} of {name}" for name, n in WANTED.items())
         why = "".join(f"; {log.name}: {note}" for log in logs for note in log.notes[:1])
-        raise LogError(f"{names}: no log has {seconds:g} s without a gap{why}: give a shorter --window")
+        told = f"no window of {seconds:g} s has enough new samples ({few}): give a longer --window" if short else (
+            f"no log has {seconds:g} s without a gap{why}: give a shorter --window"
+        )  # fmt: skip
+        raise LogError(f"{names}: {told}")
     return found
 
 
@@ -218,22 +218,23 @@ def check_against(simulator: WindowSimulator, logs: Sequence[Log], windows: Sequ
             continue
         measured = np.stack([windows[k].motion[lead:] for k in mine], axis=1)
         r, expected = (float(np.sqrt(np.mean(x[..., YAW_RATE] ** 2))) for x in (measured, found[:, mine]))
-        if expected > TURNS and not 1 / FARTHER < r / expected < FARTHER:
-            raise LogError(f"{log.name}: the yaw rate is {r:.2g} rad/s rms where the commands give {expected:.2g}: are "
-                           "heading and yaw_rate in rad, heading_deg and yaw_rate_deg in degrees?")  # fmt: skip
         rates, mirror = measured[..., YAW_RATE], [n + k for k in mine]
         as_it_is = np.sqrt(np.mean((rates - found[:, mine, YAW_RATE]) ** 2))
         mirrored = np.sqrt(np.mean((-rates - found[:, mirror, YAW_RATE]) ** 2))
-        if as_it_is > TURNS and mirrored < MIRRORED * as_it_is:
-            raise LogError(
-                f"{log.name}: the vessel turns against its commands: the log is mirrored (ENU: north and east "
-                "exchanged, heading from east, yaw rate to port), or an action has the wrong sign"
-            )
         here, there = (x - x[0] for x in (measured, found[:, mine]))
-        way, expected = (float(np.hypot(x[-1, :, NORTH], x[-1, :, EAST]).sum()) for x in (here, there))
-        if expected > len(mine) * MOVES and not 1 / FARTHER < way / expected < FARTHER:
-            raise LogError(f"{log.name}: the vessel goes {way / len(mine):.2g} m in a window where its commands drive "
-                           f"it {expected / len(mine):.2g} m: are north and east in m?")  # fmt: skip
+        way, driven = (float(np.hypot(x[-1, :, NORTH], x[-1, :, EAST]).mean()) for x in (here, there))
+        refuse(
+            LogError,
+            (expected > TURNS and not expected < FARTHER * r < FARTHER**2 * expected,
+             f"{log.name}: the yaw rate is {r:.2g} rad/s rms where the commands give {expected:.2g}: are heading and "
+             "yaw_rate in rad, heading_deg and yaw_rate_deg in degrees?"),
+            (as_it_is > TURNS and mirrored < MIRRORED * as_it_is,
+             f"{log.name}: the vessel turns against its commands: the log is mirrored (ENU: north and east exchanged, "
+             "heading from east, yaw rate to port), or an action has the wrong sign"),
+            (driven > MOVES and not driven < FARTHER * way < FARTHER**2 * driven,
+             f"{log.name}: the vessel goes {way:.2g} m in a window where its commands drive it {driven:.2g} m: are "
+             "north and east in m?"),
+        )  # fmt: skip
         scale = [max(float(np.ptp(measured[..., c], axis=0).mean()), least)
                  for c, least in ((NORTH, MOVES), (EAST, MOVES), (YAW_RATE, TURNS))]  # fmt: skip
         apart = [

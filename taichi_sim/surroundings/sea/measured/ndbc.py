@@ -23,7 +23,7 @@ degrees in this code.
 
 import gzip
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -33,6 +33,7 @@ import numpy as np
 from taichi_sim.config import ConfigError
 from taichi_sim.config.columns import warn_if_cut
 from taichi_sim.config.files import ndbc_set
+from taichi_sim.errors import refuse
 from taichi_sim.surroundings.sea.measured.spectra import Gridded
 
 MISSING = 998.0  # from here on a value is missing (NDBC writes 999)
@@ -122,25 +123,28 @@ def read_part(path: Path) -> Part:
     except (OSError, UnicodeDecodeError, EOFError, ValueError) as error:
         raise ConfigError(f"{path}: cannot be read: {error or 'it is empty'}") from None
     names = header.lstrip("#").split()
-    if "WVHT" in names:
-        raise ConfigError(f"{path}: a summary of heights and periods, not a spectrum: name {path.stem}.data_spec")
     dates = 5 if len(names) > 4 and names[4].lower() == "mm" else 4
     pairs = "(" in header or any("(" in line for line in lines[:1])
     columns = None if pairs else names[dates:]
     rows = [(n, line.split()) for n, line in enumerate(lines, 2) if line.strip() and not line.startswith("#")]
-    if not rows:
-        raise ConfigError(f"{path}: it has no record")
+    summary = "a summary of heights and periods, not a spectrum"
+    refuse(
+        ConfigError,
+        ("WVHT" in names, f"{path}: {summary}: name {path.stem}.data_spec"),
+        (not rows, f"{path}: it has no record"),
+    )
     parsed = [_row(path, n, cells, dates, columns) for n, cells in rows]
-    frequency = parsed[0][1]
-    if frequency.size < 3:
-        raise ConfigError(f"{path}, line {rows[0][0]}: {frequency.size} frequencies: it is cut short, or no spectrum")
-    for (number, _), (_, there, _) in zip(rows, parsed, strict=True):
-        if there.size != frequency.size:
-            raise ConfigError(f"{path}, line {number}: cut short: {there.size} of {frequency.size} frequencies")
-        if not np.array_equal(there, frequency):
-            raise ConfigError(f"{path}, line {number}: its frequencies differ from those in line {rows[0][0]}")
-    if not (np.diff(frequency) > 0).all() or frequency[0] <= 0:
-        raise ConfigError(f"{path}: frequencies must rise from above 0")
+    frequency, first = parsed[0][1], rows[0][0]
+    odd = ((n, row[1]) for (n, _), row in zip(rows, parsed, strict=True) if not np.array_equal(row[1], frequency))
+    number, there = next(odd, (0, frequency))
+    refuse(
+        ConfigError,
+        (frequency.size < 3, f"{path}, line {first}: {frequency.size} frequencies: it is cut short, or no spectrum"),
+        (there.size != frequency.size,
+         f"{path}, line {number}: cut short: {there.size} of {frequency.size} frequencies"),
+        (number, f"{path}, line {number}: its frequencies differ from those in line {first}"),
+        (not (np.diff(frequency, prepend=0.0) > 0).all(), f"{path}: frequencies must rise from above 0"),
+    )  # fmt: skip
     values = np.array([row[2] for row in parsed])
     decimals = max((len(x.partition(".")[2].rstrip(")")) for x in rows[0][1][dates:] if "." in x and "(" not in x),
                    default=0)  # fmt: skip
@@ -154,39 +158,36 @@ def _row(path: Path, number: int, cells: list[str], dates: int, columns: list[st
         time = np.datetime64(datetime(year + 1900 if year < 100 else year, month, day, hour, minute), "m")
         if columns is not None:
             frequency, texts = [float(x) for x in columns], cells[dates:]
-            if len(texts) != len(frequency):
-                raise ValueError(f"cut short: {len(texts)} of {len(frequency)} frequencies")
         else:
             text = cells[dates:]
             text = text[1:] if len(text) > 1 and "(" not in text[1] else text  # the separation frequency
             texts, frequency = text[::2], [float(re.fullmatch(r"\((.*)\)", x)[1]) for x in text[1::2]]  # type: ignore
-            if len(texts) != len(frequency):
-                raise TypeError
-        return time, np.array(frequency), np.array(list(_numbers(texts)))
-    except TypeError:
-        raise ConfigError(f"{path}, line {number}: cut short: a value without (its frequency)") from None
-    except ValueError as error:
-        raise ConfigError(f"{path}, line {number}: {error}") from None
-
-
-def _numbers(texts: list[str]) -> Iterator[float]:
-    for text in texts:
-        value = np.nan if text == "MM" else float(text.replace("_", "x"))
-        if value < 0:
-            raise ValueError(f"{text}: must be 0 or more")
-        yield value if value < MISSING else np.nan
+        values = [np.nan if text == "MM" else float(text.replace("_", "x")) for text in texts]
+        why = f"{len(texts)} of {len(frequency)} frequencies" if columns else "a value without (its frequency)"
+        refuse(
+            ValueError,
+            (len(texts) != len(frequency), f"cut short: {why}"),
+            (min(values, default=0.0) < 0, f"{min(values, default=0.0):g}: must be 0 or more"),
+        )
+        return time, np.array(frequency), np.array([value if value < MISSING else np.nan for value in values])
+    except (TypeError, ValueError) as error:
+        told = error if isinstance(error, ValueError) else "cut short: a value without (its frequency)"
+        raise ConfigError(f"{path}, line {number}: {told}") from None
 
 
 def _aligned(kind: str, part: Part, density: Part, path: Path, of_density: Path) -> np.ndarray:
     """Values [t, f] of a file at the times of the densities; NaN where the file lacks a time."""
-    if part.frequency.shape != density.frequency.shape or not np.allclose(part.frequency, density.frequency):
-        raise ConfigError(f"{path}: its {part.frequency.size} frequencies differ from the {density.frequency.size} of "
-                          f"{of_density.name}: is one of them cut short?")  # fmt: skip
+    alike = part.frequency.shape == density.frequency.shape and np.allclose(part.frequency, density.frequency)
     values = part.values / 100 if part.hundredths and kind in ("r1", "r2") else part.values
-    if (beyond := values > LARGEST[kind]).any():
-        t, f = np.argwhere(beyond)[0]
-        raise ConfigError(f"{path}: {kind} is {values[t, f]:g} on {part.times[t]} at {part.frequency[f]:g} Hz: allowed "
-                          f"are 0 to {LARGEST[kind]:g}, and 999 or MM where it is missing")  # fmt: skip
+    beyond = values > LARGEST[kind]
+    t, f = np.argwhere(beyond)[0] if beyond.any() else (0, 0)
+    refuse(
+        ConfigError,
+        (not alike, f"{path}: its {part.frequency.size} frequencies differ from the {density.frequency.size} of "
+         f"{of_density.name}: is one of them cut short?"),
+        (beyond.any(), f"{path}: {kind} is {values[t, f]:g} on {part.times[t]} at {part.frequency[f]:g} Hz: allowed "
+         f"are 0 to {LARGEST[kind]:g}, and 999 or MM where it is missing"),
+    )  # fmt: skip
     rows: Mapping[np.datetime64, np.ndarray] = dict(zip(part.times, values, strict=True))
     nothing = np.full(density.frequency.size, np.nan)
     return np.array([rows.get(time, nothing) for time in density.times])

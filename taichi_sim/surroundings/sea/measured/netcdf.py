@@ -22,7 +22,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichi_sim.config import ConfigError
-from taichi_sim.surroundings.sea.measured.spectra import FEWEST_ANGLES, Gridded, agreed, of_density, of_energy
+from taichi_sim.errors import needs, refuse
+from taichi_sim.surroundings.sea.measured.spectra import (
+    FEWEST_ANGLES,
+    Gridded,
+    agreed,
+    of_density,
+    of_energy,
+    within_a_turn,
+)
 
 if TYPE_CHECKING:
     from xarray import DataArray, Dataset
@@ -37,6 +45,7 @@ TO = re.compile(r"to.direction|(?:go\w*|travel\w*|propagat\w+|head\w*|direct\w+)
 OTHER_ANGLES = re.compile("counter|anti-?clock|mathematic|cartesian|trigonometric|from east|from the east")
 AREA = re.compile(r"(m|met(?:er|re)s?)\W{0,3}2|m²|j")  # how units of densities begin
 MISSING = 998.0  # deg; from here on a direction is missing (NDBC writes 999)
+HERTZ = ("", "1", "hz", "hertz", "s-1", "s^-1", "s**-1", "1/s", "1/second", "cycles/second")
 FIRST, RATIO = 0.03453, 1.1  # Hz; frequencies of ECMWF's spectra
 FAINTEST = 30.0  # of ECMWF's logarithms; larger ones of either sign are marks of missing values
 SEAWATER, GRAVITY = 1025.0, 9.81  # kg/m^3, m/s^2; of SWAN's energy densities (its defaults)
@@ -52,7 +61,9 @@ def read_netcdf(path: Path) -> Gridded:
     Raises:
         ConfigError: for a file without a known spectrum, or one whose convention is not stated.
     """
-    import xarray
+    with needs("netCDF4", "waves"):
+        import netCDF4  # noqa: F401
+        import xarray
 
     with xarray.open_dataset(path, decode_timedelta=False) as opened:
         data = opened.load()
@@ -71,37 +82,43 @@ def _of_a_model(path: Path, data: "Dataset", variable: str) -> Gridded:
     """Energy by frequency and direction."""
     energy = data[variable]
     time, frequency, direction = (_axis(energy, known) for known in (TIMES, FREQUENCIES, DIRECTIONS))
-    if frequency is None:
-        raise ConfigError(f"{variable} has no dimension of frequency; it has {', '.join(map(str, energy.dims))}")
-    unit = str(energy.attrs.get("units", "")).lower()
-    if variable != "d2fd" and unit and not AREA.match(unit):
-        raise ConfigError(f"{variable} is in {unit}: known are m2 s rad-1, m2 s degree-1, J m-2 s rad-1")
+    unit = "" if variable == "d2fd" else str(energy.attrs.get("units", "")).lower()
+    many = next((name for name in energy.dims if str(name).lower() in PARTS and energy.sizes[name] > 1), None)
+    parts = energy.sizes[many] if many else 1
+    refuse(
+        ConfigError,
+        (not frequency, f"{variable} has no dimension of frequency; it has {', '.join(map(str, energy.dims))}"),
+        (unit and not AREA.match(unit), f"{variable} is in {unit}: known are m2 s rad-1, m2 s degree-1, J m-2 s rad-1"),
+        (many, f"{variable} has {parts} parts or realisations ({many}): write their sum, or one of them"),
+    )
+    assert frequency is not None
     f, angular = _frequencies(data, frequency, variable)
     for name in (time or "time", direction or "direction"):
         energy = energy if name in energy.dims else energy.expand_dims(name)
     time, direction = time or "time", direction or "direction"
     where = [name for name in energy.dims if name not in (time, frequency, direction)]
-    for name in where:
-        if str(name).lower() in PARTS and energy.sizes[name] > 1:
-            raise ConfigError(
-                f"{variable} has {energy.sizes[name]} parts or realisations ({name}): write their sum, or one of them"
-            )
     energy = energy.stack(place=where, create_index=False) if where else energy.expand_dims("place")
     places = _places(data, energy) if where else [path.stem]
     values = np.asarray(energy.transpose(time, "place", frequency, direction), dtype=float)
     if values.shape[3] == 1 and variable != "d2fd":  # no directions at all
         values *= _energy(unit) * (2 * np.pi if angular and ("rad" in unit or not unit) else 1.0)
         return of_density(_times(data, time), places, f, values[..., 0])
-    if values.shape[3] < FEWEST_ANGLES:
-        raise ConfigError(f"{values.shape[3]} directions: no directional spectrum")
-    if variable == "d2fd":
-        values[np.abs(values) > FAINTEST] = np.nan
-        if not (values < 0).any() and not np.isnan(values).all():
-            raise ConfigError("d2fd has no value below 0: no logarithms, as ECMWF's are; write the files as they come")
+    logarithms = variable == "d2fd"
+    values[np.abs(values) > (FAINTEST if logarithms else np.inf)] = np.nan
+    per = "deg" in unit or "rad" in unit
+    refuse(
+        ConfigError,
+        (values.shape[3] < FEWEST_ANGLES, f"{values.shape[3]} directions: no directional spectrum"),
+        (logarithms and not (values < 0).any() and not np.isnan(values).all(),
+         "d2fd has no value below 0: no logarithms, as ECMWF's are; write the files as they come"),
+        (unit and not per,
+         f"{variable} is in {unit}, per degree or per radian is not said: m2 s degree-1, or m2 s rad-1?"),
+    )  # fmt: skip
+    if logarithms:
         values = np.where(
             np.isnan(values).all(axis=(2, 3), keepdims=True), np.nan, np.nan_to_num(10.0**values, nan=0.0)
         )
-    values *= _scale(variable, unit, direction, angular)
+    values *= _scale(unit, direction, angular)
     bands = None
     if {"frequency1", "frequency2"} <= {*data.variables} and not angular:
         bands = np.stack(
@@ -117,22 +134,20 @@ def _axis(energy: "DataArray", known: tuple[str, ...]) -> str | None:
 
 def _frequencies(data: "Dataset", name: str, variable: str) -> tuple[np.ndarray, bool]:
     """Frequencies, Hz, and whether the file has them in rad/s."""
-    if variable == "d2fd":
-        if name not in data.coords and data.sizes[name] not in ECMWF_FREQUENCIES:
-            raise ConfigError(
-                f"d2fd has {data.sizes[name]} frequencies without their numbers, and ECMWF's spectra "
-                f"{', '.join(map(str, ECMWF_FREQUENCIES))}: write the file with the coordinate {name}"
-            )
+    given, size = name in data.coords, data.sizes[name]
+    unit, ecmwf = str(data[name].attrs.get("units", "Hz")).lower(), variable == "d2fd"
+    refuse(
+        ConfigError,
+        (ecmwf and not given and size not in ECMWF_FREQUENCIES,
+         f"d2fd has {size} frequencies without their numbers, and ECMWF's spectra "
+         f"{', '.join(map(str, ECMWF_FREQUENCIES))}: write the file with the coordinate {name}"),
+        (not ecmwf and not given, f"{name} has no values"),
+        (not ecmwf and unit not in HERTZ and "rad" not in unit, f"{name} is in {unit}: known are Hz and rad/s"),
+    )  # fmt: skip
+    if ecmwf:
         return FIRST * RATIO ** (_numbers(data, name) - 1), False
-    if name not in data.coords:
-        raise ConfigError(f"{name} has no values")
-    unit = str(data[name].attrs.get("units", "Hz")).lower()
     values = np.asarray(data[name], dtype=float)
-    if "rad" in unit:
-        return values / (2 * np.pi), True
-    if unit not in ("", "1", "hz", "hertz", "s-1", "s^-1", "s**-1", "1/s", "1/second", "cycles/second"):
-        raise ConfigError(f"{name} is in {unit}: known are Hz and rad/s")
-    return values, False
+    return (values / (2 * np.pi), True) if "rad" in unit else (values, False)
 
 
 def _numbers(data: "Dataset", name: str) -> np.ndarray:
@@ -154,42 +169,36 @@ def _toward(data: "Dataset", name: str, variable: str) -> np.ndarray:
                 f"{name} has {numbers.size} values: ECMWF's spectra have 24 or 36 (part of them, or ERA-40?)"
             )
         return (numbers - 0.5) * 360.0 / max(numbers.size, numbers.max())
-    if name not in data.coords:
-        raise ConfigError(f"{name} has no values")
     attributes = {key: str(value).lower() for key, value in data[name].attrs.items()}
     values = np.asarray(data[name], dtype=float)
     unit = attributes.get("units", "radians" if variable == "density" else "degrees")
-    if not unit.startswith(("deg", "rad")):
-        raise ConfigError(f"{name} is in {unit}: known are degrees and radians")
     values = np.rad2deg(values) if unit.startswith("rad") else values
-    if not (np.abs(values) <= 720).all():
-        raise ConfigError(f"{name} goes to {np.abs(values).max():g} degrees: is it in {unit}?")
     stated = [value for key, value in attributes.items() if key != "units"]
     comes, goes = (any(words.search(value) for value in stated) for words in (FROM, TO))
-    if variable != "density" and (other := next((v for v in stated if OTHER_ANGLES.search(v)), "")):
-        raise ConfigError(f"{name} is {other!r}: wanted are degrees clockwise from north, or SWAN's density")
-    if comes and goes:
-        raise ConfigError(f"{name} is said to count both from and to: {'; '.join(stated)}: mend its attributes")
-    if variable == "density":
-        if goes == comes:
-            raise ConfigError(f"{name} does not state where it counts from: give it the standard_name "
-                              "sea_surface_wave_from_direction (SET NAUTICAL) or sea_surface_wave_to_direction (SWAN's "
-                              "Cartesian convention)")  # fmt: skip
+    swan, other = variable == "density", next((v for v in stated if OTHER_ANGLES.search(v)), "")
+    refuse(
+        ConfigError,
+        (name not in data.coords, f"{name} has no values"),
+        (not unit.startswith(("deg", "rad")), f"{name} is in {unit}: known are degrees and radians"),
+        (not (np.abs(values) <= 720).all(), f"{name} goes to {np.abs(values).max():g} degrees: is it in {unit}?"),
+        (not swan and other, f"{name} is {other!r}: wanted are degrees clockwise from north, or SWAN's density"),
+        (comes and goes, f"{name} is said to count both from and to: {'; '.join(stated)}: mend its attributes"),
+        (swan and goes == comes,
+         f"{name} does not state where it counts from: give it the standard_name sea_surface_wave_from_direction "
+         "(SET NAUTICAL) or sea_surface_wave_to_direction (SWAN's Cartesian convention)"),
+    )  # fmt: skip
+    if swan:
         return 90.0 - values if goes else values + 180.0
     if goes == comes:
         comes = name == "dir"  # of wavespectra; WAVEWATCH III has where waves go to
     return values + 180.0 if comes else values
 
 
-def _scale(variable: str, unit: str, direction: str, angular: bool) -> float:
+def _scale(unit: str, direction: str, angular: bool) -> float:
     """Factor of densities to m^2/Hz/rad, by their unit, or else by the writer's usual one.
 
     "m2 s rad-1" is per Hz and per rad, also where frequencies are in rad/s (`angular`); "m2 s rad-2" is per rad/s.
     """
-    if unit and variable != "d2fd" and "deg" not in unit and "rad" not in unit:
-        raise ConfigError(
-            f"{variable} is in {unit}, per degree or per radian is not said: m2 s degree-1, or m2 s rad-1?"
-        )
     per_degree = "deg" in unit if "deg" in unit or "rad" in unit else direction == "dir"
     radians = unit.count("rad") + len(re.findall(r"rad(?:ian)?s?\W*-2", unit))
     per_angular = angular and (not unit or radians + per_degree > 1)
@@ -214,8 +223,7 @@ def _of_ndbc(path: Path, data: "Dataset") -> Gridded:
     density = values("spectral_wave_density")
     alpha1, alpha2 = (values(name) for name in ("mean_wave_dir", "principal_wave_dir"))
     for name, angle in (("mean_wave_dir", alpha1), ("principal_wave_dir", alpha2)):
-        if (np.abs(angle) > 360).any():
-            raise ConfigError(f"{name} goes to {np.nanmax(np.abs(angle)):g} degrees: it must be up to 360")
+        within_a_turn(name, angle)
     first, second = (np.deg2rad(alpha + 180.0) for alpha in (alpha1, alpha2))
     c1, c2 = values("wave_spectrum_r1") * np.exp(1j * first), values("wave_spectrum_r2") * np.exp(2j * second)
     places = [path.stem] if density.shape[1] == 1 else [f"place {k}" for k in range(density.shape[1])]
@@ -248,11 +256,9 @@ def _of_cdip(path: Path, data: "Dataset") -> Gridded:
 
 
 def _times(data: "Dataset", name: str | None) -> np.ndarray:
-    if name is None or name not in data.variables:
-        raise ConfigError("it has no time")
-    values = np.atleast_1d(np.asarray(data[name]))
+    values = np.atleast_1d(np.asarray(data[name] if name in data.variables else []))
     if not np.issubdtype(values.dtype, np.datetime64):
-        raise ConfigError(f"{name} states no unit such as 'seconds since 1970-01-01', or a calendar of its own")
+        raise ConfigError(f"{name or 'it'} has no time with a unit such as 'seconds since 1970-01-01'")
     return values.astype("datetime64[m]")
 
 

@@ -4,13 +4,12 @@ import warnings
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
 from taichi_sim.config import ConfigError, SeaConfig
-from taichi_sim.errors import MissingExtraError
+from taichi_sim.errors import reading, refuse
 from taichi_sim.surroundings.sea.measured.ndbc import is_ndbc, read_ndbc
 from taichi_sim.surroundings.sea.measured.netcdf import read_netcdf
 from taichi_sim.surroundings.sea.measured.spectra import Gridded, checked
@@ -106,13 +105,11 @@ class SpectraFile:
                 any wave.
         """
         name, density = f"{self.place}, {_text(self.times[t])}", self.density[t]
-        if not np.isfinite(density).any():
-            raise ConfigError(f"{self.path}: the record of {_text(self.times[t])} has no spectrum, every value is "
-                              f"missing (land, ice, or nothing was measured): {self._way_out()}")  # fmt: skip
-        if not np.isfinite(density).all():
-            first = (self.edges[1:] + self.edges[:-1])[~np.isfinite(density)][0] / 2
-            raise ConfigError(f"{self.path}: the record of {_text(self.times[t])} has no density at {first:.4g} Hz: "
-                              f"{self._way_out()}")  # fmt: skip
+        lacks, middles = ~np.isfinite(density), (self.edges[1:] + self.edges[:-1]) / 2
+        if lacks.any():
+            what = "no spectrum, every value is missing (land, ice, or nothing was measured)"
+            what = what if lacks.all() else f"no density at {middles[lacks][0]:.4g} Hz"
+            raise ConfigError(f"{self.path}: the record of {_text(self.times[t])} has {what}: {self._way_out()}")
         spread = self._spread(t)
         if spread is None:
             spread = self._assumed(name, density, direction_deg, spreading_s)
@@ -162,20 +159,18 @@ def open_spectra(path: Path, site: int | None = None) -> SpectraFile:
 
     Raises:
         ConfigError: for a file that cannot be read, or a site that it does not have.
-        MissingExtraError: for a format that needs wavespectra, if that is not installed.
+        MissingExtraError: for netCDF, if its packages are not installed.
     """
     if not path.is_file():
         raise ConfigError(f"sea.spectrum = {str(path)!r}: no such file")
-    if site and is_ndbc(path):
-        raise ConfigError(f"sea.site = {site}: {path.name} has one place only: remove the key")
     data, edges = checked(path, _read(path))
-    if site is None and len(data.places) > 1:
-        named = "; ".join(f"{k}: {place}" for k, place in enumerate(data.places[:NAMED]))
-        more = "; ..." if len(data.places) > NAMED else ""
-        raise ConfigError(f"{path}: has {len(data.places)} places, give one as sea.site ({named}{more})")
-    if (site or 0) >= len(data.places):
-        last = len(data.places) - 1
-        raise ConfigError(f"sea.site = {site}: {path.name} has {last + 1}, allowed are 0 to {last}")
+    count, named = len(data.places), "; ".join(f"{k}: {place}" for k, place in enumerate(data.places[:NAMED]))
+    more = "; ..." if count > NAMED else ""
+    refuse(
+        ConfigError,
+        (site is None and count > 1, f"{path}: has {count} places, give one as sea.site ({named}{more})"),
+        ((site or 0) >= count, f"sea.site = {site}: {path.name} has {count}, allowed are 0 to {count - 1}"),
+    )
     here = (slice(None), site or 0)
     c1, c2, grid = (None if x is None else x[here] for x in (data.c1, data.c2, data.grid))
     return SpectraFile(path, data.places[site or 0], data.times, edges, data.density[here], c1, c2, data.angles, grid)
@@ -185,24 +180,13 @@ def _read(path: Path) -> Gridded:
     """Read the spectra of a file of any kind."""
     if is_ndbc(path):
         return read_ndbc(path)
-    try:
+    with reading(path, ConfigError), warnings.catch_warnings():
         if path.suffix.lower() in NETCDF:
-            if find_spec("wavespectra") is None:  # with it come the other packages of the extra
-                raise MissingExtraError("wavespectra", "waves")
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                return read_netcdf(path)
+            warnings.simplefilter("ignore")
+            return read_netcdf(path)
         with path.open(encoding="utf-8", errors="replace") as file:
             begin = file.read(BEGIN)
         return read_spotter(path) if is_spotter(begin) else read_text(path, begin)
-    except MissingExtraError:
-        raise
-    except ConfigError as error:
-        raise error if str(path) in str(error) else ConfigError(f"{path}: cannot read it: {error}") from None
-    except ImportError as error:
-        raise MissingExtraError("xarray", "waves") from error
-    except Exception as error:  # each library fails in its own way
-        raise ConfigError(f"{path}: cannot read it ({type(error).__name__}: {error})") from None
 
 
 def records_of(config: SeaConfig) -> list[WaveRecord]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from taichi_sim.config import ConfigError
 from taichi_sim.config.columns import MISSING, TURN, without_marks
+from taichi_sim.errors import refuse
 from taichi_sim.surroundings.sea.measured.wave_record import band_edges
 
 FEWEST_ANGLES = 3  # directions of a directional spectrum, at least
@@ -92,6 +93,12 @@ def of_energy(
     return Gridded(times, places, frequency, density, angles=angles, grid=energy, bands=bands)
 
 
+def within_a_turn(name: str, degrees: np.ndarray) -> None:
+    """Refuse directions of the column `name` that are beyond a turn."""
+    if (np.abs(degrees) > TURN).any():
+        raise ConfigError(f"{name} goes to {np.nanmax(np.abs(degrees)):g} degrees: it must be up to {TURN:g}")
+
+
 def agreed(c1: np.ndarray, stated: np.ndarray, density: np.ndarray) -> None:
     """Compare mean directions of travel of moments c1 [..] with those that a file states (deg), weighted by density.
 
@@ -114,29 +121,30 @@ def checked(path: Path, data: Gridded) -> tuple[Gridded, np.ndarray]:
     Raises:
         ConfigError: for times that are none or are there twice, wrong frequencies, or moments of nothing.
     """
-    if not data.times.size or not data.density.size:
-        raise ConfigError(f"{path}: it has no record")
-    if np.isnat(data.times).any():
-        raise ConfigError(f"{path}: record {int(np.isnat(data.times).argmax()) + 1} has no time")
+    untimed = np.isnat(data.times)
+    refuse(
+        ConfigError,
+        (not data.times.size or not data.density.size, f"{path}: it has no record"),
+        (untimed.any(), f"{path}: record {int(untimed.argmax() if untimed.size else 0) + 1} has no time"),
+    )
     order = np.argsort(data.times, kind="stable")
     times = data.times[order]
     again = np.flatnonzero(times[1:] == times[:-1]) + 1
-    for k in again:
-        if not np.array_equal(data.density[order[k]], data.density[order[k - 1]], equal_nan=True):
-            raise ConfigError(f"{path}: the record of {str(times[k]).replace('T', ' ')} is there twice, and differs")
+    pairs = ((k, *data.density[order[[k - 1, k]]]) for k in again)
+    twice = next((str(times[k]).replace("T", " ") for k, one, two in pairs if not np.array_equal(one, two, True)), "")
     order, times = np.delete(order, again), np.delete(times, again)
-    if data.frequency.size < 2 or not (np.diff(data.frequency) > 0).all() or not 0 < data.frequency[0] < np.inf \
-            or not np.isfinite(data.frequency[-1]):  # fmt: skip
-        raise ConfigError(
-            f"{path}: its frequencies must be two or more, and rise from above 0: {data.frequency[:9]} Hz"
-        )
+    rises = np.diff(data.frequency, prepend=0.0) > 0
     density = data.density[order].astype(float)
     beyond = density[np.isfinite(density) & (density >= MOST)]
-    if np.unique(beyond).size > MARKS:
-        raise ConfigError(
-            f"{path}: densities go to {beyond.max():.3g} m^2/Hz, and no sea has {MOST:g}: are they in cm^2/Hz? Divide "
-            "them by 10,000"
-        )
+    most = beyond.max(initial=0.0)
+    refuse(
+        ConfigError,
+        (twice, f"{path}: the record of {twice} is there twice, and differs"),
+        (rises.size < 2 or not rises.all() or not np.isfinite(data.frequency).all(),
+         f"{path}: its frequencies must be two or more, and rise from above 0: {data.frequency[:9]} Hz"),
+        (np.unique(beyond).size > MARKS,
+         f"{path}: densities go to {most:.3g} m^2/Hz, and no sea has {MOST:g}: are they in cm^2/Hz? Divide by 10,000"),
+    )  # fmt: skip
     with np.errstate(invalid="ignore"):
         density[~((density >= 0) & (density < MOST))] = np.nan
     density = _without_marks(density)

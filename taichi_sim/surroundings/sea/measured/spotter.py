@@ -19,7 +19,8 @@ import numpy as np
 
 from taichi_sim.config import ConfigError
 from taichi_sim.config.columns import LATEST, Sheet
-from taichi_sim.surroundings.sea.measured.spectra import Gridded, agreed
+from taichi_sim.errors import refuse
+from taichi_sim.surroundings.sea.measured.spectra import Gridded, agreed, within_a_turn
 
 NARROWEST = 2.0  # deg, the widest spread of a record, at least; less is a number of radians
 NEEDED = ("f", "varianceDensity")
@@ -40,15 +41,15 @@ def read_spotter(path: Path) -> Gridded:
     """
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     times, columns = _of_json(text) if text.lstrip().startswith(("{", "[")) else _of_csv(path)
-    frequency = columns["f"][0]
-    if not (columns["f"] == frequency).all():
-        k = int((columns["f"] != frequency).any(axis=1).argmax())
-        raise ConfigError(f"the frequencies of record {k + 1} differ from those of the first: make a file for each")
-    bands = None
+    for name in ("f", "df"):
+        odd = (columns[name] != columns[name][0]).any(axis=1) if name in columns else np.zeros(1, dtype=bool)
+        if odd.any():
+            k = int(odd.argmax()) + 1
+            raise ConfigError(f"{name} (frequencies and their widths) of record {k} differs from that of the first: "
+                              "make a file for each")  # fmt: skip
+    bands, frequency = None, columns["f"][0]
     if "df" in columns:
         width = columns["df"][0]
-        if not (columns["df"] == width).all():
-            raise ConfigError("its widths df differ between records: make a file for each")
         bands = np.stack((frequency - width / 2, frequency + width / 2), axis=1)
     density, (c1, c2) = columns["varianceDensity"], _moments(columns)
     c1, c2 = (None if c is None else c[:, None] for c in (c1, c2))
@@ -59,8 +60,7 @@ def _moments(columns: dict[str, np.ndarray]) -> tuple[np.ndarray | None, np.ndar
     """Moments of the direction of travel, clockwise from north: exp(i (pi/2 - x)) of those from east."""
     stated = None
     if "direction" in columns:
-        if (np.abs(columns["direction"]) > 360).any():
-            raise ConfigError(f"direction goes to {np.nanmax(np.abs(columns['direction'])):g}: it must be up to 360")
+        within_a_turn("direction", columns["direction"])
         stated = columns["direction"] + 180.0
     if "a1" in columns and "b1" in columns:
         c1 = 1j * (columns["a1"] - 1j * columns["b1"])
@@ -80,30 +80,27 @@ def _moments(columns: dict[str, np.ndarray]) -> tuple[np.ndarray | None, np.ndar
 def _of_json(text: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Times and columns [t, f] of the API's JSON."""
     try:
-        answer = json.loads(text)
-        if isinstance(answer, list):
-            if len(answer) != 1:
-                raise ConfigError(f"it holds {len(answer)} answers of the API: write a file of each")
-            answer = answer[0]
+        answers = json.loads(text)
+        answer, *others = answers if isinstance(answers, list) else [answers]
         rows = answer["data"]["frequencyData"]
         stamps = [_moment(row["timestamp"]) for row in rows]
-        found = {}
-        for name in (*NEEDED, *GIVEN):
-            key = OF_JSON.get(name, name)
-            if name in NEEDED or all(row.get(key) for row in rows):
-                found[name] = np.array([row[key] for row in rows], dtype=float)
-                if found[name].ndim != 2 or found[name].shape != found["f"].shape:
-                    raise ConfigError(f"{key} and frequency differ in their lengths: is it cut short?")
-    except ConfigError:
-        raise
-    except KeyError as error:
-        raise ConfigError(
-            f"no {error} in it; wanted are spectra (frequencyData with frequency, varianceDensity)"
-        ) from None
-    except (ValueError, TypeError, AttributeError, IndexError, RecursionError) as error:
-        raise ConfigError(f"no spectra of a Spotter can be read from it ({error}): is it cut short?") from None
-    if not stamps:
-        raise ConfigError("it has no spectrum under frequencyData: ask the API for it by includeFrequencyData=true")
+        keys = {name: OF_JSON.get(name, name) for name in (*NEEDED, *GIVEN)}
+        found = {
+            name: np.array([row[key] for row in rows], dtype=float)
+            for name, key in keys.items() if name in NEEDED or all(row.get(key) for row in rows)
+        }  # fmt: skip
+    except (ValueError, TypeError, AttributeError, KeyError, RecursionError) as error:
+        told = f"no {error} in it" if isinstance(error, KeyError) else f"{error}: is it cut short?"
+        raise ConfigError(f"no spectra of a Spotter (frequencyData with frequency, varianceDensity): {told}") from None
+    odd = next(
+        (keys[name] for name, column in found.items() if column.ndim != 2 or column.shape != found["f"].shape), ""
+    )
+    refuse(
+        ConfigError,
+        (others, f"it holds {1 + len(others)} answers of the API: write a file of each"),
+        (not stamps, "it has no spectrum under frequencyData: ask the API for it by includeFrequencyData=true"),
+        (odd, f"{odd} and frequency differ in their lengths: is it cut short?"),
+    )
     return np.array(stamps, dtype="datetime64[m]"), found
 
 
@@ -119,8 +116,7 @@ def _of_csv(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     if clock is None or not sheet.rows:
         raise ConfigError("no column Epoch Time, or no row under it")
     seconds = sheet.numbers(clock)
-    if (wrong := ~((seconds > 0) & (seconds < LATEST))).any():
-        raise ConfigError(f"line {sheet.line(int(wrong.argmax()))}: Epoch Time = {seconds[wrong][0]:g}: not in s")
+    sheet.judge((~((seconds > 0) & (seconds < LATEST)), lambda k: f"Epoch Time = {seconds[k]:g}: not in s"))
     found = {}
     for name in (*NEEDED, *GIVEN):
         places = []
