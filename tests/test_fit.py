@@ -294,7 +294,7 @@ def test_bags_without_what_a_fit_needs_are_told(logs, tmp_path, monkeypatch):
         read_log(own, model)
     with pytest.raises(LogError, match="no topic /usv_1/actions; it has .*Actions are read from /usv_1/actions"):
         read_log(mute, model, Source(name="usv_1"))
-    with pytest.raises(LogError, match="actions has no position of acceleration; it has thrust, turn"):
+    with pytest.raises(LogError, match="actions: has no position of acceleration; it has thrust, turn"):
         read_log(own, model, Source(name="usv_1"))
     short = _bag(tmp_path / "short", read_log(logs[0], model), StoragePlugin.SQLITE3, last=2)
     with pytest.raises(LogError, match="2 messages of /usv_0/odom after the first command"):

@@ -17,7 +17,7 @@ MOST = {
     "rl/planning": 3,
     "rl/runs": 32,
     "taichi_sim": 31,
-    "taichi_sim/applications": 122,
+    "taichi_sim/applications": 94,
     "taichi_sim/config": 46,
     "taichi_sim/kernels": 13,
     "taichi_sim/models": 37,

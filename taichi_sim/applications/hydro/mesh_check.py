@@ -35,6 +35,7 @@ from taichi_sim.applications.hydro.wetted_surface import (
     reverse,
 )
 from taichi_sim.config import ConfigError
+from taichi_sim.errors import refuse
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -109,38 +110,42 @@ def checked(mesh: Polygons, name: str, length: float | None) -> WettedSurface:
 
 def _check_size(size: float, name: str, length: float | None) -> None:
     units = f"give --unit ({', '.join(UNITS)})"
-    if length is not None and not 0.2 < size / length < 5:
-        raise ConfigError(f"{name}: is {size:.4g} m long; the vehicle is {length:g} m: is it in millimetres? {units}")
-    if size > LONGEST:
-        raise ConfigError(f"{name}: is {size:.4g} m long: is it in millimetres? {units}")
-    if size < SHORTEST:
-        raise ConfigError(f"{name}: is {size:.4g} m long: is it in another unit? {units}")
+    told, vehicle = f"{name}: is {size:.4g} m long", size if length is None else length
+    refuse(
+        ConfigError,
+        (not 0.2 < size / vehicle < 5, f"{told}; the vehicle is {vehicle:g} m: is it in millimetres? {units}"),
+        (size > LONGEST, f"{told}: is it in millimetres? {units}"),
+        (size < SHORTEST, f"{told}: is it in another unit? {units}"),
+    )
 
 
 def _check_water(z: Array, size: float, name: str) -> None:
     wanted = "give --waterline, the height of the water in the mesh's own z, which must point up"
-    if z.min() > -DRY * size:
-        raise ConfigError(f"{name}: lies above the water (z from {z.min():.4g} to {z.max():.4g} m); {wanted}")
-    if z.max() < -DRY * size:
-        raise ConfigError(f"{name}: lies wholly under water (z up to {z.max():.4g} m); {wanted}")
+    refuse(
+        ConfigError,
+        (z.min() > -DRY * size,
+         f"{name}: lies above the water (z from {z.min():.4g} to {z.max():.4g} m); {wanted}"),
+        (z.max() < -DRY * size, f"{name}: lies wholly under water (z up to {z.max():.4g} m); {wanted}"),
+    )  # fmt: skip
 
 
 def _check_half(wet: Array, axis: int, size: float, name: str) -> None:
     """Require a half that a file declares to be on one side of its plane of symmetry, and open there."""
     declared = f"{name}: is a half hull (ISX or ISY of a GDF, no y < 0 in a CSV), mirrored in {'xyz'[axis]} = 0, but"
     x, tiny = wet[..., axis], DRY * size
-    if x.min() < -tiny and x.max() > tiny:
-        raise ConfigError(f"{declared} has panels on both sides of it: write 0 for no symmetry, or delete one side")
-    if (flat := (np.abs(x) < tiny).all(axis=1)).any():
-        raise ConfigError(f"{declared} has {flat.sum()} panels in that plane: delete them, they are inside the hull")
+    flat = (np.abs(x) < tiny).all(axis=1).sum()
     ends = np.stack((wet, np.roll(wet, -1, axis=1)), axis=2)  # of edges [n, 4, 2, 3]
     inside, along = ends[(np.abs(ends[..., axis]) < tiny).all(axis=2)], 1 - axis
     reach = np.ptp(inside[..., along]) if len(inside) else 0.0
-    if np.abs(x).min() < tiny and reach < PROFILE * np.ptp(wet[..., along]):
-        raise ConfigError(
-            f"{declared} only touches it, and is not open there: is it a whole hull whose origin is at its side? Move "
-            "it to its centreplane, or write 0 for no symmetry"
-        )
+    refuse(
+        ConfigError,
+        (x.min() < -tiny and x.max() > tiny,
+         f"{declared} has panels on both sides of it: write 0 for no symmetry, or delete one side"),
+        (flat, f"{declared} has {flat} panels in that plane: delete them, they are inside the hull"),
+        (np.abs(x).min() < tiny and reach < PROFILE * np.ptp(wet[..., along]),
+         f"{declared} only touches it, and is not open there: is it a whole hull whose origin is at its side? Move it "
+         "to its centreplane, or write 0 for no symmetry"),
+    )  # fmt: skip
 
 
 def _flush(panels: Array, axis: int, tiny: float) -> Array:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.config import ConfigError
-from taichi_sim.errors import needs
+from taichi_sim.errors import needs, reading, refuse
 
 Array = NDArray[np.float64]
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254, "ft": 0.3048}
@@ -56,20 +56,21 @@ def read(path: Path, unit: str = "m") -> Polygons:
         ConfigError: if the file cannot be read, is not whole or has no surface; the message names it.
         MissingExtraError: if meshio is needed and not installed.
     """
-    if not path.is_file():
-        raise ConfigError(f"{path}: no such file")
-    if path.suffix.lower() in DRAWINGS:
-        raise ConfigError(f"{path}: meshes are STL, OBJ, GDF, CSV, PLY, VTK or MSH: export this drawing as STL, in m")
+    drawing = path.suffix.lower() in DRAWINGS
+    refuse(
+        ConfigError,
+        (not path.is_file(), f"{path}: no such file"),
+        (drawing, f"{path}: meshes are STL, OBJ, GDF, CSV, PLY, VTK or MSH: export this drawing as STL, in m"),
+    )
     readers = {".gdf": _gdf, ".csv": _csv, ".stl": _stl, ".obj": _obj} | dict.fromkeys(CODES, _of_code)
     reader = readers.get(path.suffix.lower())
-    try:
+    with reading(path, ConfigError):
         found = reader(path, unit) if reader else Polygons(UNITS[unit] * _meshio(path), ())
-    except (OSError, ValueError, IndexError, AssertionError) as error:
-        raise ConfigError(f"{path}: not a readable mesh: {error}") from None
-    if not len(found.panels):
-        raise ConfigError(f"{path}: holds no panels (triangles or quadrilaterals)")
-    if not np.isfinite(found.panels).all():
-        raise ConfigError(f"{path}: a corner is not a finite number")
+    refuse(
+        ConfigError,
+        (not len(found.panels), f"{path}: holds no panels (triangles or quadrilaterals)"),
+        (not np.isfinite(found.panels).all(), f"{path}: a corner is not a finite number"),
+    )
     return found
 
 
@@ -89,32 +90,35 @@ def _of_code(path: Path, unit: str) -> Polygons:
 
 def _csv(path: Path, unit: str) -> Polygons:
     first = _text(path).partition("\n")[0].split(",")
-    if all(_is_number(word) for word in first):
-        raise ValueError("its first line holds numbers; expected the header x1,y1,z1 ... x4,y4,z4")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of a file without rows, which `read` refuses
         panels = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
-    if panels.size and panels.shape[1] != 12:
-        raise ValueError(f"{panels.shape[1]} columns; expected x1,y1,z1 ... x4,y4,z4")
+    wanted = "x1,y1,z1 ... x4,y4,z4"
+    refuse(
+        ConfigError,
+        (all(map(_is_number, first)), f"its first line holds numbers; expected the header {wanted}"),
+        (panels.size and panels.shape[1] != 12, f"{panels.shape[1]} columns; expected {wanted}"),
+    )
     panels = UNITS[unit] * panels.reshape(-1, 4, 3)
     return Polygons(panels, (1,) if panels.size and panels[..., 1].min() > -HALF * np.ptp(panels) else ())
 
 
 def _gdf(path: Path, unit: str) -> Polygons:
     lines = _text(path).splitlines()
-    if len(lines) < 4:
-        raise ValueError("a GDF has a title, ULEN and GRAV, ISX and ISY, the number of panels, and their corners")
+    head = "a GDF has a title, ULEN and GRAV, ISX and ISY, the number of panels, and their corners"
+    refuse(ConfigError, (len(lines) < 4, head))
     grav = _number(lines[1].split()[1])
-    symmetry = [int(word) for word in lines[2].split()[:2]]
-    if len(symmetry) < 2 or not {0, 1}.issuperset(symmetry):
-        raise ValueError(f"ISX and ISY are {lines[2].split()[:2]}: allowed are 0 (no symmetry) and 1 (symmetry)")
-    first = lines[3].split()
-    if len(first) > 1 and first[1].lstrip("-").isdigit() and int(first[1]) != 0:
-        raise ValueError("a GDF of higher order (IGDEF not 0); export one of flat panels (WAMIT: ILOWGDF)")
-    count = int(first[0])
-    numbers = np.array([_number(word) for word in " ".join(lines[4:]).split()])
-    if count < 1 or numbers.size != 12 * count:
-        raise ValueError(f"{count} panels announced, numbers for {numbers.size / 12:.4g} found: is the file truncated?")
+    symmetry, first = [int(word) for word in lines[2].split()[:2]], lines[3].split()
+    count, numbers = int(first[0]), np.array([_number(word) for word in " ".join(lines[4:]).split()])
+    higher = len(first) > 1 and first[1].lstrip("-").isdigit() and int(first[1]) != 0
+    refuse(
+        ConfigError,
+        (len(symmetry) < 2 or not {0, 1}.issuperset(symmetry),
+         f"ISX and ISY are {lines[2].split()[:2]}: allowed are 0 (no symmetry) and 1 (symmetry)"),
+        (higher, "a GDF of higher order (IGDEF not 0); export one of flat panels (WAMIT: ILOWGDF)"),
+        (count < 1 or numbers.size != 12 * count,
+         f"{count} panels announced, numbers for {numbers.size / 12:.4g} found: is the file truncated?"),
+    )  # fmt: skip
     planes = tuple(axis for axis, on in ((1, symmetry[1]), (0, symmetry[0])) if on)
     return Polygons(UNITS[_gdf_unit(path, grav, unit)] * numbers.reshape(-1, 4, 3), planes)
 
@@ -122,15 +126,17 @@ def _gdf(path: Path, unit: str) -> Polygons:
 def _gdf_unit(path: Path, grav: float, unit: str) -> str:
     """Unit of a GDF's coordinates: the user's, or feet where GRAV says so."""
     own = next((name for name, value in GRAVITIES.items() if abs(grav / value - 1) < NEAR), None)
-    if own is None:
-        allowed = ", ".join(f"{value:g} ({name})" for name, value in GRAVITIES.items())
-        raise ValueError(f"GRAV = {grav:g} in its second line says no unit of its coordinates; allowed are {allowed}")
+    allowed, given = ", ".join(f"{value:g} ({name})" for name, value in GRAVITIES.items()), f"GRAV = {grav:g}"
+    refuse(
+        ConfigError,
+        (own is None, f"{given} in its second line says no unit of its coordinates; allowed are {allowed}"),
+        (own == "ft" and unit not in ("m", "ft"),
+         f"{given} in its second line means feet, --unit says {unit}: mend one of them"),
+    )  # fmt: skip
     if own == "m" or unit == own:
         return unit
-    if unit != "m":
-        raise ValueError(f"GRAV = {grav:g} in its second line means feet, --unit says {unit}: mend one of them")
     print(f"{path.name}: GRAV = {grav:g} means feet; coordinates converted to metres")
-    return own
+    return "ft"
 
 
 def _stl(path: Path, unit: str) -> Polygons:
@@ -143,7 +149,7 @@ def _stl(path: Path, unit: str) -> Polygons:
     elif data.lstrip()[:5].lower() == b"solid" and b"\0" not in data:
         corners = _stl_text(data.decode("utf-8", errors="replace"))
     else:
-        raise ValueError(
+        raise ConfigError(
             f"{len(data)} bytes; a binary STL of the {count} triangles that it announces has "
             f"{STL_HEADER + STL_TRIANGLE.itemsize * count}, and a text STL begins with 'solid': is the file truncated?"
         )
@@ -154,16 +160,18 @@ def _stl_text(text: str) -> Array:
     """Corners [n, 3, 3] of one or more solids, each of them ended."""
     lines = text.splitlines()
     heads = [line.split()[0].lower() for line in lines if line.split()[:1] and "solid" in line.split()[0].lower()]
-    if heads != ["solid", "endsolid"] * (len(heads) // 2):
-        raise ValueError("'solid' and 'endsolid' do not alternate: is the file truncated?")
     words = [word for line in lines if "solid" not in line.partition(" ")[0].lower() for word in line.split()]
-    corners, own = [], [n for n, word in enumerate(FACET) if word == "vertex"]
-    for first in range(0, len(words), len(FACET)):
-        facet = words[first : first + len(FACET)]
-        for word, wanted in zip_longest(facet, FACET, fillvalue=""):
-            if wanted != "0" and word.lower() != wanted:
-                raise ValueError(f"facet {first // len(FACET) + 1} has {word[:40]!r}, expected {wanted!r}: truncated?")
-        corners.append([[_number(word) for word in facet[n + 1 : n + 4]] for n in own])
+    facets = [words[first : first + len(FACET)] for first in range(0, len(words), len(FACET))]
+    read = ((k, *pair) for k, facet in enumerate(facets, 1) for pair in zip_longest(facet, FACET, fillvalue=""))
+    facet, word, wanted = next(((k, a, b) for k, a, b in read if b != "0" and a.lower() != b), (0, "", ""))
+    refuse(
+        ConfigError,
+        (heads != ["solid", "endsolid"] * (len(heads) // 2),
+         "'solid' and 'endsolid' do not alternate: is the file truncated?"),
+        (facet, f"facet {facet} has {word[:40]!r}, expected {wanted!r}: truncated?"),
+    )  # fmt: skip
+    own = [n for n, word in enumerate(FACET) if word == "vertex"]
+    corners = [[[_number(word) for word in facet[n + 1 : n + 4]] for n in own] for facet in facets]
     return np.array(corners, dtype=float).reshape(-1, 3, 3)
 
 
@@ -173,18 +181,18 @@ def _obj(path: Path, unit: str) -> Polygons:
     polygons: list[list[int]] = []
     for k, line in enumerate(_text(path).replace("\\\n", " ").splitlines(), 1):
         key, *words = line.partition("#")[0].split() or ["o"]
+        known = key in OBJ_IGNORED
         if key == "v":
-            if len(words) not in (3, 4, 6, 7):  # with a weight, a colour, or both
-                raise ValueError(f"line {k} is {line.strip()[:40]!r}, expected 'v' and three numbers")
+            known = len(words) in (3, 4, 6, 7)  # with a weight, a colour, or both
             points.append([_number(word) for word in words[:3]])
         elif key == "f":
             number = [int(word.partition("/")[0]) for word in words]
             number = [n - 1 if n > 0 else len(points) + n for n in number]
-            if len(number) < 3 or not all(0 <= n < len(points) for n in number):
-                raise ValueError(f"line {k} is {line.strip()[:40]!r}: a polygon has three or more vertices of above it")
+            known = len(number) >= 3 and all(0 <= n < len(points) for n in number)
             polygons.append(number)
-        elif key not in OBJ_IGNORED:
-            raise ValueError(f"line {k} begins with {key[:40]!r}: not a statement of an OBJ of polygons")
+        if not known:
+            raise ConfigError(f"line {k} is {line.strip()[:40]!r}: an OBJ has 'v' and three numbers, 'f' and three or "
+                              "more vertices of above it, and statements that change no polygon")  # fmt: skip
     if not polygons:
         return Polygons(np.empty((0, 4, 3)), ())
     corners = np.array(points)
@@ -200,7 +208,7 @@ def _fan(corners: Array) -> Array:
     turns = np.cross(np.roll(edge, 1, axis=0), edge)
     if (turns @ turns.sum(axis=0)).min() < CONVEX:
         at = ", ".join(f"{v:.4g}" for v in corners[0])
-        raise ValueError(f"a polygon of {len(corners)} corners at {at} is not convex: triangulate on export")
+        raise ConfigError(f"a polygon of {len(corners)} corners at {at} is not convex: triangulate on export")
     return np.stack([corners[[0, i, i + 1, i + 1]] for i in range(1, len(corners) - 1)])
 
 
@@ -211,17 +219,20 @@ def _meshio(path: Path) -> Array:
     try:
         mesh = meshio.read(path)
     except (Exception, SystemExit) as error:  # a damaged file ends in any error of a reader's own
-        raise ValueError(str(error) or f"{type(error).__name__} in meshio: an unknown format, or damaged") from None
+        raise ConfigError(str(error) or f"{type(error).__name__} in meshio: an unknown format, or damaged") from None
     points = np.asarray(mesh.points, dtype=float)
     parts = [np.empty((0, 4, 3))]
     for block in mesh.cells:
         if block.type in NO_SURFACE:
             continue
-        if block.type not in LINEAR and block.type != "polygon":
-            raise ValueError(f"holds cells of the type {block.type}: export the surface as triangles or quadrilaterals")
         number = [np.asarray(cell, dtype=np.int64) for cell in block.data]
-        if any(cell.min() < 0 or cell.max() >= len(points) for cell in number):
-            raise ValueError("a polygon has a corner that is not among the points: is the file damaged?")
+        other, far = block.type not in LINEAR and block.type != "polygon", f"holds cells of the type {block.type}"
+        refuse(
+            ConfigError,
+            (other, f"{far}: export the surface as triangles or quadrilaterals"),
+            (any(cell.min() < 0 or cell.max() >= len(points) for cell in number),
+             "a polygon has a corner that is not among the points: is the file damaged?"),
+        )  # fmt: skip
         parts += [_fan(points[cell]) for cell in number]
     return np.concatenate(parts)
 
@@ -232,9 +243,7 @@ def _text(path: Path) -> str:
 
 def _number(word: str) -> float:
     """A number as other programs write it; not Python's 1_0."""
-    if "_" in word:
-        raise ValueError(f"{word[:40]!r} is not a number")
-    return float(word.replace("D", "E").replace("d", "e"))  # Fortran's
+    return float(word.replace("_", "x").replace("D", "E").replace("d", "e"))  # Fortran's
 
 
 def _is_number(word: str) -> bool:
