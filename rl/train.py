@@ -92,11 +92,7 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def run_of(args: argparse.Namespace) -> tuple["Scenario", Path, Path]:
-    """The scenario of the arguments, its file, and the run's folder.
-
-    Raises:
-        RunError: if there is no run to continue, or the processes have no common name for a new run.
-    """
+    """The scenario of the arguments, its file, and the run's folder."""
     from rl.missions import load_scenario
     from rl.runs import folder as run_folder
     from rl.runs import ranks

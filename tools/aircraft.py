@@ -44,11 +44,7 @@ CURVE, LIMIT, CRUISE = "#0072B2", "#D55E00", "#22313F"
 
 
 def load_aircraft(name: str, overrides: list[str]) -> FixedWingParams | MultirotorParams:
-    """The parameters of a vehicle file or of a shipped vehicle, with KEY=VALUE overrides.
-
-    Raises:
-        ConfigError: if there is no such file, its model is not an aircraft's, or a key or value is wrong.
-    """
+    """The parameters of a vehicle file or of a shipped vehicle, with KEY=VALUE overrides."""
     shipped = config_folder() / "vehicles" / f"{Path(name).stem}.toml"
     file = Path(name) if Path(name).suffix == ".toml" and Path(name).is_file() else shipped
     known = [f.stem for f in sorted(shipped.parent.glob("*.toml")) if read_toml(f).get("model") in PARAMS]

@@ -143,12 +143,7 @@ def band_energy(components: Components, record: WaveRecord) -> np.ndarray:
 
 
 def draw(config: SeaConfig, seed: int, title: str) -> Figure:
-    """Draw all panels.
-
-    Raises:
-        ConfigError: if the sea is calm.
-        SteepSeaError: if the sea is too steep to exist.
-    """
+    """Draw all panels."""
     systems = wave_systems(config)
     hs = math.hypot(*(system.hs for system in systems))
     if hs == 0:

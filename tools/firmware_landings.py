@@ -169,11 +169,7 @@ class Script:
 
 
 def program(path: Path) -> Path:
-    """The autopilot's file.
-
-    Raises:
-        ConfigError: if it cannot be run.
-    """
+    """The autopilot's file."""
     from taichi_sim.config import ConfigError
 
     if not path.is_file() or not os.access(path, os.X_OK):
@@ -296,11 +292,7 @@ class Flight:
 
 
 def companions(policy: str, config: Any, source: Path, count: int) -> list[Callable[[], PolicyFlight]]:
-    """What makes companions of the `policy` (a run folder, or a scenario's name), each in one of `count` missions.
-
-    Raises:
-        CheckpointError: if there is none of the aircraft.
-    """
+    """What makes companions of the `policy` (a run folder, or a scenario's name), each in one of `count` missions."""
     from rl.commands import shared
     from rl.learn.policy import CheckpointError
     from rl.learn.policy_sources import policies_from, shipped_policies
@@ -327,9 +319,6 @@ def land(
     """The judges of `count` landings, each in an environment of its own, all at once.
 
     They are steered by what `steer` makes, or by the script.
-
-    Raises:
-        ConfigError: for a program that is no autopilot, or that does not arm.
     """
     from rl.runs.autopilots import others, shared_mission
     from taichi_sim.applications.sitl.lockstep import SilentError, Station

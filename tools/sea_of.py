@@ -94,11 +94,7 @@ def comes_from(travels_to: float) -> float:
 
 
 def systems(record: WaveRecord, wind: tuple[float, float] | None = None) -> list[System]:
-    """Wind sea and swells by wavespectra's watershed; `wind` is its speed (m/s) and the direction it blows from (deg).
-
-    Raises:
-        MissingExtraError: if wavespectra is not installed.
-    """
+    """Wind sea and swells by wavespectra's watershed; `wind` is its speed (m/s), and where it blows from (deg)."""
     with needs("wavespectra", "waves"):
         import wavespectra  # noqa: F401
         import xarray
@@ -128,12 +124,7 @@ def systems(record: WaveRecord, wind: tuple[float, float] | None = None) -> list
 
 
 def fate(vessel: str, sea: SeaConfig, envs: int, duration: float, seed: int, shown: bool = True) -> Fate | None:
-    """Let `envs` vessels drift in a sea; None for a model that cannot capsize or be swamped.
-
-    Raises:
-        ConfigError: if the file is not a vessel's.
-        SteepSeaError: if the sea cannot exist.
-    """
+    """Let `envs` vessels drift in a sea; None for a model that cannot capsize or be swamped."""
     data = {"seed": seed, "vessel": {"vehicle": vessel, "count": 1, "medium": "water"}}
     config = validate(WorldConfig, data, vessel).model_copy(update={"sea": sea})
     world = World(config, envs)

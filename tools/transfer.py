@@ -46,11 +46,7 @@ EPISODES = 64
 
 @contextlib.contextmanager
 def in_place(mission: Mission, team: str, kind: type[Simulator], path: Path | None) -> Iterator[None]:
-    """Let a simulator move a team of `mission` inside this context.
-
-    Raises:
-        ConfigError: if the simulator refuses.
-    """
+    """Let a simulator move a team of `mission` inside this context."""
     fleet = mission.teams[team].fleet
     simulator = kind(fleet.model, path)
 

@@ -63,11 +63,7 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def units(args: argparse.Namespace) -> int:
-    """Number of parts of the work that processes can share.
-
-    Raises:
-        ConfigError, RunError: if the arguments cannot be used.
-    """
+    """Number of parts of the work that processes can share."""
     from rl.commands import shared
     from rl.evaluation.episodes import CHUNK
     from rl.evaluation.sweeps import count_cells, find_sweep, load_sweep

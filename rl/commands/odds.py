@@ -113,11 +113,7 @@ def odds(args: argparse.Namespace) -> None:
 
 
 def again(file: Path | None, asked: "Question") -> "Line | None":
-    """The failure that --again names; None without it.
-
-    Raises:
-        RunError: if the file holds none of this team and ending.
-    """
+    """The failure that --again names; None without it."""
     from rl.evaluation.odds.film import Line
     from rl.runs.folder import RunError
 

@@ -86,9 +86,6 @@ def policy_of(args: argparse.Namespace):
     """Start Taichi; return the scenario that the policy was trained in, its file, the team, and the policy.
 
     The one place that knows where policies come from.
-
-    Raises:
-        RunError, CheckpointError, ConfigError: if there is no such policy.
     """
     from rl.commands import shared
     from rl.learn.policy import CheckpointError, load_policy
@@ -106,11 +103,7 @@ def policy_of(args: argparse.Namespace):
 
 
 def made(args: argparse.Namespace, addresses, wires, tell):
-    """The companion that the arguments ask for, ready to act; addresses of vehicles that are followed come last.
-
-    Raises:
-        ConfigError: for a mission, a team or actions that cannot be piloted.
-    """
+    """The companion that the arguments ask for, ready to act; addresses of vehicles that are followed come last."""
     from rl.adapters.pilot.autopilot_link import Link
     from rl.adapters.pilot.companion import Companion
     from rl.adapters.pilot.set_points import orders_of

@@ -46,11 +46,7 @@ def add_processes(parser: argparse.ArgumentParser, shared: str) -> None:
 
 
 def agree(config, source: Path) -> None:
-    """Refuse processes with different scenarios or versions.
-
-    Raises:
-        RunError: if they differ; the message names the process and the difference.
-    """
+    """Refuse processes with different scenarios or versions."""
     from rl.runs import folder as run_folder
     from rl.runs import ranks
 
@@ -129,11 +125,7 @@ def is_run(place: Path) -> bool:
 
 
 def scenario_of(args: argparse.Namespace):
-    """The scenario of the arguments, and its file.
-
-    Raises:
-        RunError: if RUN is neither a run's folder nor a scenario.
-    """
+    """The scenario of the arguments, and its file."""
     from rl.missions import load_scenario
     from rl.runs import folder as run_folder
     from taichi_sim.config import ConfigError
@@ -163,11 +155,7 @@ def open_run(args: argparse.Namespace):
 
 
 def controllers_of(args: argparse.Namespace, kind: str, config, source: Path) -> dict:
-    """What controls the teams that some stage trains, of `kind` (rl.learn.policy.policies_of): team -> policy.
-
-    Raises:
-        RunError: if --policy and --controller exclude each other, or a scenario has no untrained policy.
-    """
+    """What controls the teams that some stage trains, of `kind` (rl.learn.policy.policies_of): team -> policy."""
     from rl.learn.policy import policies_of
     from rl.learn.policy_sources import given_policies, policies_from
     from rl.runs.folder import RunError
@@ -262,11 +250,7 @@ FILM = {"size": (640, 480), "speed": 1.0, "fps": 25.0, "view": "auto"}
 
 
 def film_options(args: argparse.Namespace) -> dict[str, Any]:
-    """How a film is drawn, by the arguments of `add_film`.
-
-    Raises:
-        RunError: for options of a film without `--film`.
-    """
+    """How a film is drawn, by the arguments of `add_film`."""
     from rl.runs.folder import RunError
 
     given = {name: value for name in FILM if (value := getattr(args, f"film_{name}")) is not None}
@@ -291,9 +275,6 @@ def recall(args: argparse.Namespace) -> tuple[int, int] | None:
     """Set the conditions of the evaluation that --worst, --median or --episode repeats.
 
     Returns the number of the episode and the number of all episodes; None without any of these.
-
-    Raises:
-        RunError: if there was no evaluation, or other conditions are given.
     """
     from rl.evaluation.store import shown_episode
     from rl.runs.folder import RunError

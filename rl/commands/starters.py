@@ -17,11 +17,7 @@ BLOCK = re.compile(r"^```\w+ file=(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
 def new_scenario(name: str, folder: Path, like: str = "paper") -> list[Path]:
-    """Write NAME.toml, a commented copy of the scenario `like`.
-
-    Raises:
-        ConfigError: for an invalid name, an existing file, or an unknown scenario.
-    """
+    """Write NAME.toml, a commented copy of the scenario `like`."""
     source = find_config(like)
     text = source.read_text(encoding="utf-8")
     text = re.sub(r'^name = ".*"$', f'name = "{_name(name)}"', text, count=1, flags=re.MULTILINE)
@@ -30,21 +26,13 @@ def new_scenario(name: str, folder: Path, like: str = "paper") -> list[Path]:
 
 
 def new_vehicle(name: str, folder: Path) -> list[Path]:
-    """Write NAME.toml, a vehicle's numbers, and NAME.py, its physics.
-
-    Raises:
-        ConfigError: as `new_scenario`.
-    """
+    """Write NAME.toml, a vehicle's numbers, and NAME.py, its physics."""
     files = _examples({"ferry": _name(name), "Ferry": _class(name)})
     return _write(folder, {file: files[file] for file in (f"{name}.toml", f"{name}.py")})
 
 
 def new_mission(name: str, folder: Path) -> list[Path]:
-    """Write NAME.toml, a scenario, and NAME.py, its mission, with a shipped vehicle.
-
-    Raises:
-        ConfigError: as `new_scenario`.
-    """
+    """Write NAME.toml, a scenario, and NAME.py, its mission, with a shipped vehicle."""
     files = _examples({"rendezvous": _name(name), "Rendezvous": _class(name)})
     scenario = files[f"{name}.toml"].replace('"ferry.toml"', '"unity_boat"').replace("ferries", "boats")
     return _write(folder, {f"{name}.toml": scenario, f"{name}.py": files[f"{name}.py"]})

@@ -74,11 +74,7 @@ def read_tasks() -> dict[str, Task]:
 
 
 def find_task(name: str) -> Task:
-    """The task of that name.
-
-    Raises:
-        ConfigError: if there is none; the message says the nearest name.
-    """
+    """The task of that name."""
     tasks = read_tasks()
     if name in tasks:
         return tasks[name]
@@ -111,12 +107,7 @@ def frozen(task: Task) -> str:
 
 
 def open_task(name: str) -> tuple[Task, Scenario, dict[str, Bound]]:
-    """A task, its scenario, and the levels of its teams.
-
-    Raises:
-        ConfigError: if there is no such task.
-        RunError: if its files are not those that were frozen.
-    """
+    """A task, its scenario, and the levels of its teams."""
     task = find_task(name)
     if frozen(task) != task.digest:
         raise RunError(

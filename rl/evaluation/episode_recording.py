@@ -135,9 +135,6 @@ def record_episode(
         source: the scenario's file.
         show_progress: show a progress bar.
         seen: called with each frame.
-
-    Raises:
-        RunError: if a state diverged in the first step, so that there is nothing to record.
     """
     duration = config.episode_duration if duration is None else duration
     steps = max(2, round(duration / config.decision_interval))
@@ -208,10 +205,6 @@ def output_of(out: str | None, origin: Sequence[float] | None = None, *, show_pr
     """The output for `out`: FILE.rrd, FILE.mcap, or a rosbag2 folder, whose name has no suffix or ends with a slash.
 
     `origin` is the latitude and longitude (deg) of the world's origin in a bag.
-
-    Raises:
-        RunError: if the suffix is another one, or `origin` is given without a bag.
-        BagError: if `check_bag` refuses the bag.
     """
     place = None if out is None else Path(out)
     folder = out is not None and (out.endswith(("/", os.sep)) or not Path(out).suffix)

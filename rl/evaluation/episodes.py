@@ -92,9 +92,6 @@ def judge_episodes(
     """Run `episodes` episodes of the teams in `policies`; `excerpts` also keeps those that a report shows.
 
     The mission's judge defines the keys of the result. It runs in one process; `judge_trials` uses several.
-
-    Raises:
-        ConfigError: if an episode is too short to measure anything.
     """
     trial = Trial(config, policies, episodes, seed, controller, source)
     with ranks.alone():
@@ -254,11 +251,7 @@ def one_episode_each(
 
 
 def check_measurable(config: Scenario) -> None:
-    """Refuse a scenario whose episodes end before measuring begins.
-
-    Raises:
-        ConfigError: if so; the message names both keys.
-    """
+    """Refuse a scenario whose episodes end before measuring begins."""
     if config.episode_duration <= config.evaluation.settle:
         raise ConfigError(
             f"episode_duration = {config.episode_duration} s must exceed evaluation.settle = "

@@ -99,11 +99,7 @@ def load_odds(run: Path) -> list[dict[str, Any]]:
 
 
 def load_evaluation(run: Path, controller: str) -> StoredEvaluation | None:
-    """The last evaluation of a controller; None if there is none.
-
-    Raises:
-        RunError: if the file cannot be read.
-    """
+    """The last evaluation of a controller; None if there is none."""
     file = _file(run, controller)
     if not file.is_file():
         return None
@@ -133,11 +129,7 @@ def load_headroom(run: Path) -> dict[str, dict[str, NDArray[np.float64]]]:
 
 
 def shown_episode(run: Path, controller: str, which: str | int) -> tuple[StoredEvaluation, int]:
-    """The last evaluation of a controller, and the number of its episode `which` (one of SHOWN, or a number).
-
-    Raises:
-        RunError: if the controller was never evaluated, or not in so many episodes.
-    """
+    """The last evaluation of a controller, and the number of its episode `which` (one of SHOWN, or a number)."""
     found = load_evaluation(run, controller)
     if found is None:
         whose = () if controller == "policy" else ("--controller", controller)
@@ -205,11 +197,7 @@ class Run(NamedTuple):
 
 
 def read_run(folder: Path) -> Run:
-    """Read a run's folder.
-
-    Raises:
-        RunError: if the folder is not a run, or a file in it is broken.
-    """
+    """Read a run's folder."""
     config, source = run_folder.load_config(folder)
     summary, meta = folder / run_folder.SUMMARY, folder / run_folder.META
     found = {controller: load_evaluation(folder, controller) for controller in CONTROLLERS}

@@ -109,11 +109,7 @@ class Sweep(Strict):
 
 
 def find_sweep(name: str | Path) -> Path:
-    """The file `name`, or the shipped sweep of that name ("default", "configs/sweeps/default.toml").
-
-    Raises:
-        ConfigError: if there is neither.
-    """
+    """The file `name`, or the shipped sweep of that name ("default", "configs/sweeps/default.toml")."""
     path, folder = Path(name), config_folder() / FOLDER
     shipped = folder / path.with_suffix(".toml").name
     if path.is_file():
@@ -125,11 +121,7 @@ def find_sweep(name: str | Path) -> Path:
 
 
 def load_sweep(file: Path, **changes: int | None) -> Sweep:
-    """Read a sweep from its file; `changes` replace single keys, unless None.
-
-    Raises:
-        ConfigError: if a value is not allowed; the message names file, key, value and what is allowed.
-    """
+    """Read a sweep from its file; `changes` replace single keys, unless None."""
     given: Table = {key: value for key, value in changes.items() if value is not None}
     return validate(Sweep, {**read_toml(file), **given}, str(file))
 
@@ -149,11 +141,7 @@ def count_cells(sweep: Sweep) -> int:
 
 
 def cells(sweep: Sweep, config: Scenario, file: Path) -> Iterator[Cell]:
-    """All cells for a run's scenario in order; `file` is the sweep's, for error messages.
-
-    Raises:
-        ConfigError: before the first cell, if no scenario has one of the keys.
-    """
+    """All cells for a run's scenario in order; `file` is the sweep's, for error messages."""
     missing = {axis.name: _missing(axis, config, file) for axis in sweep.axis}
     if sweep.grid:
         chosen = (tuple(zip(sweep.axis, values, strict=True)) for values in product(*(a.values for a in sweep.axis)))
@@ -196,11 +184,7 @@ def _value(config: object, key: str) -> object:
 
 
 def _missing(axis: Axis, config: Scenario, file: Path) -> str | None:
-    """The reason why a scenario lacks an axis; None if it has the axis.
-
-    Raises:
-        ConfigError: if no mission has such a key.
-    """
+    """The reason why a scenario lacks an axis; None if it has the axis."""
     reasons = []
     for key in (*axis.keys, *([axis.times] if axis.times else [])):
         for name in _every(key, config):
@@ -295,7 +279,6 @@ def run_sweep(
     Processes share the cells; rank 0 writes. `tell` is called with an estimate of the remaining time.
 
     Raises:
-        ConfigError: if the sweep has the seed of the evaluation or of the training, or a key that no scenario has.
         KeyboardInterrupt: on Ctrl-C; the message says how to continue.
     """
     config = contest.config

@@ -147,11 +147,7 @@ class ResidualTeam(Team):
 
     @property
     def controller(self) -> Controller | None:
-        """The classical controller of the team.
-
-        Raises:
-            ConfigError: if a residual policy is configured and there is no controller that it could correct.
-        """
+        """The classical controller of the team."""
         residual = self.residual
         if self._controller is None and residual is not None:
             found = super().controller

@@ -50,9 +50,6 @@ def read_checkpoint(file: Path) -> dict:
     """The content of a checkpoint: tensors and plain values only (`weights_only=True`).
 
     Torch reads damaged weights without a word, so the sums that its zip files hold are checked first.
-
-    Raises:
-        CheckpointError: if the file is missing, incomplete, damaged, or holds anything else.
     """
     try:
         with zipfile.ZipFile(file) as parts:
@@ -96,11 +93,7 @@ class TrainedPolicy:
 
     @classmethod
     def load(cls, file: Path, stage: StageConfig) -> "TrainedPolicy":
-        """Load the policy of a checkpoint.
-
-        Raises:
-            CheckpointError: if the file cannot be used or its network is not the stage's.
-        """
+        """Load the policy of a checkpoint."""
         content = read_checkpoint(file)
         state, infos = content["actor_state_dict"], content.get("infos") or {}
         try:
@@ -124,11 +117,7 @@ class TrainedPolicy:
         return self.actor.obs_dim
 
     def __call__(self, team: Team) -> Tensor:
-        """Actions [env, vehicle, action] of a team.
-
-        Raises:
-            CheckpointError: if the team's observations are not those of the training; the message names the difference.
-        """
+        """Actions [env, vehicle, action] of a team."""
         if self._fits is not team:
             self.check(team)
             self.actor.to(team.fleet.state.device)
@@ -140,11 +129,7 @@ class TrainedPolicy:
         check_signature(self.signature, team, self.source)
 
     def act(self, observations: Tensor) -> Tensor:
-        """Actions [env, vehicle, action] in [-1, 1] for observations [env, vehicle, n].
-
-        Raises:
-            CheckpointError: if the number of observations is not that of the training.
-        """
+        """Actions [env, vehicle, action] in [-1, 1] for observations [env, vehicle, n]."""
         if observations.shape[-1] != self.num_observations:
             raise CheckpointError(
                 f"{self.source}: this policy was trained on {self.num_observations} observations and the scenario "
@@ -157,11 +142,7 @@ class TrainedPolicy:
 
 
 def check_signature(signature: Mapping[str, Sequence[str]], team: Team, source: str) -> None:
-    """Refuse a team whose observations or actions are not those in `signature`, which comes from `source`.
-
-    Raises:
-        CheckpointError: if they differ; the message names the difference.
-    """
+    """Refuse a team whose observations or actions are not those in `signature`, which comes from `source`."""
     for what, names in (("observations", team.observation_names), ("actions", team.action_names)):
         trained = signature.get(what)
         if trained is not None and list(trained) != list(names):
@@ -186,11 +167,7 @@ class ClassicalPolicy:
     """A policy that acts by the team's classical controller (`Team.controller`)."""
 
     def __call__(self, team: Team) -> VehicleActions:
-        """Actions of the vehicles.
-
-        Raises:
-            ControllerError: if the team's vehicles have no classical controller.
-        """
+        """Actions of the vehicles."""
         controller = team.controller
         if controller is None:
             kind = type(team.fleet.model).__name__
@@ -204,9 +181,6 @@ def policies_of(kind: str, run: Path, config: Scenario) -> dict[str, Policy]:
     Of `kind` "policy" are the policies trained in the folder `run`; "untrained": these before their training. The other
     kinds are for all teams without a script. "classical": the classical controllers. "plan" or "oracle": a planner in
     forks of the true simulation. "honest": a planner in a world built from what the vehicles know.
-
-    Raises:
-        CheckpointError: if the run has no such policy.
     """
     if kind not in ("policy", "untrained"):
         make = {"classical": ClassicalPolicy, "honest": HonestPlanner}.get(kind, Planner)
@@ -218,11 +192,7 @@ def policies_of(kind: str, run: Path, config: Scenario) -> dict[str, Policy]:
 
 
 def load_policy(run: Path, config: Scenario, team: str, iterations: int | None = None) -> TrainedPolicy:
-    """The policy of a team in a run folder: the newest, or that after `iterations`.
-
-    Raises:
-        CheckpointError: if the team has not been trained there, or its checkpoint cannot be used.
-    """
+    """The policy of a team in a run folder: the newest, or that after `iterations`."""
     stage = config.stage_of(team)
     if stage is not None and iterations is not None:
         return TrainedPolicy.load(run / team / f"model_{iterations}.pt", stage)

@@ -75,11 +75,7 @@ class Network:
     """
 
     def __init__(self, file: Path):
-        """Read a file.
-
-        Raises:
-            CheckpointError: if it cannot be read, or has more than one input or output.
-        """
+        """Read a file."""
         try:
             model = onnx.load(str(file))
             self._evaluator = ReferenceEvaluator(model, new_ops=[Gemm, MatMul])
@@ -134,12 +130,7 @@ class RowPolicy:
         self._together = 1  # vehicles in a row
 
     def __call__(self, team: Team) -> Tensor:
-        """Actions [env, vehicle, action] of a team.
-
-        Raises:
-            CheckpointError: if the team's observations or actions are others, an action is not in [-1, 1], or the
-                policy keeps state.
-        """
+        """Actions [env, vehicle, action] of a team."""
         seen = team.observations()
         if self._fits is not team:
             self.check(team, seen)
@@ -190,11 +181,7 @@ class RowPolicy:
 
 
 def read_onnx(file: Path) -> RowPolicy:
-    """The policy in an ONNX file.
-
-    Raises:
-        CheckpointError: if it cannot be used.
-    """
+    """The policy in an ONNX file."""
     network = Network(file)
     return RowPolicy(network, str(file), network.inputs, network.signature)
 
@@ -208,10 +195,6 @@ def policies_from(
     """The policies that `sources` name, for `teams` of a scenario (default: all that are trained): team -> policy.
 
     `beside`: folders in which modules are looked for first.
-
-    Raises:
-        CheckpointError: if a source cannot be used.
-        ConfigError: if a module cannot be imported.
     """
     wanted = list(config.acting if teams is None else teams)
     found: dict[str, Policy] = {}
@@ -273,11 +256,7 @@ def _tell_vehicles(source: str, own: Scenario, config: Scenario, teams: Sequence
 
 
 def given_policies(config: Scenario) -> dict[str, Policy]:
-    """The policies of the package by which teams act that no stage of a scenario trains (`Scenario.given`).
-
-    Raises:
-        CheckpointError: if there is none.
-    """
+    """The policies of the package by which teams act that no stage of a scenario trains (`Scenario.given`)."""
     try:
         return policies_from(list(config.given.values()), config, list(config.given))
     except CheckpointError as error:
@@ -298,11 +277,7 @@ def shipped_folder() -> Path:
 
 
 def shipped_policies(scenario: str) -> dict[str, Policy]:
-    """The policies that come with the package for a scenario: team -> policy.
-
-    Raises:
-        CheckpointError: if there are none, or a file is not the one that was shipped.
-    """
+    """The policies that come with the package for a scenario: team -> policy."""
     folder = shipped_folder() / scenario
     if not (folder / ABOUT).is_file():
         there = sorted(file.parent.name for file in shipped_folder().glob(f"*/{ABOUT}"))

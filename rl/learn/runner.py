@@ -187,9 +187,6 @@ class StageRunner(OnPolicyRunner):
         """Continue from a checkpoint: networks, optimiser, completed iterations.
 
         At the start of a stage only the networks are loaded, and the exploration noise is reset.
-
-        Raises:
-            CheckpointError: if the networks are not the stage's, or the observations are not those of the training.
         """
         content = ranks.broadcast(lambda: read_checkpoint(Path(path)))
         begins = content["iter"] == self.first

@@ -164,9 +164,6 @@ def starting_weights(config: Scenario, beside: Path) -> dict[str, dict]:
 
     `start_from` is a checkpoint or a run's folder (then the team's newest checkpoint), relative to the working
     directory or to the folder `beside`.
-
-    Raises:
-        CheckpointError: if there is none, or it cannot be used.
     """
     weights = {}
     for name, stage in config.stages.items():

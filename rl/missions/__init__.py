@@ -23,11 +23,7 @@ def shipped() -> tuple[str, ...]:
 
 
 def find_mission(name: object, beside: Sequence[Path] = ()) -> type[Mission]:
-    """The class of a mission: a package of rl/missions by name, or `module:Class`, looked for in `beside` first.
-
-    Raises:
-        ConfigError: if there is none of that name.
-    """
+    """The class of a mission: a package of rl/missions by name, or `module:Class`, looked for in `beside` first."""
     if isinstance(name, str) and is_plugin(name):
         return load_class(name, Mission, beside)
     if name not in shipped():
@@ -39,9 +35,6 @@ def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = (), the
     """A scenario from a TOML file (or the name of a shipped one) and `KEY=VALUE` overrides: its mission's `Config`.
 
     Overrides in `then` take the place of earlier ones (of another way to size a sea, too).
-
-    Raises:
-        ConfigError: naming file, key, value and what is allowed.
     """
     file = find_config(path)
     data, overrides, then = read_toml(file), list(overrides), list(then)

@@ -314,11 +314,7 @@ class HonestPlanner(Planner):
         return self._copied(model, envs, copies)
 
     def _model(self, team: Team) -> Mission:
-        """The model of all environments.
-
-        Raises:
-            ControllerError: if the mission has no way to build it.
-        """
+        """The model of all environments."""
         mission = team.mission
         if self._believed is None:
             self._believed = mission.imagined(team)

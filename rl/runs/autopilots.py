@@ -25,11 +25,7 @@ PORTS = 1024, 65535  # allowed
 
 
 def read_autopilots(texts: Sequence[str], config: Scenario) -> dict[Vehicle, int]:
-    """Ports of autopilots, by vehicle, from texts TEAM.NUMBER=PORT.
-
-    Raises:
-        ConfigError: for another text, a vehicle that does not exist, or one vehicle or port named twice.
-    """
+    """Ports of autopilots, by vehicle, from texts TEAM.NUMBER=PORT."""
     found: dict[Vehicle, int] = {}
     for text in texts:
         match = re.fullmatch(r"(\w+)\.(\d+)=(\d+)", text)
@@ -53,9 +49,6 @@ def shared_mission(
 ) -> Mission:
     """A mission at the start of a held-out episode, in whose world (`LockstepWorld`) autopilots drive `driven`; or of
     `envs` such episodes.
-
-    Raises:
-        ConfigError: where autopilots drive a part of a team of aircraft.
     """
     whole = [name for name, of in config.teams.items() if all((name, k) in driven for k in range(of.count))]
     kind = mission_class(config, source)
@@ -72,11 +65,7 @@ def shared_mission(
 
 
 def decks_for(mission: Mission, driven: Sequence[Vehicle]) -> dict[Vehicle, Vehicle]:
-    """Vessel on whose deck each aircraft with legs of those `driven` begins: each has a deck of its own, in order.
-
-    Raises:
-        ConfigError: if there are too few decks.
-    """
+    """Vessel on whose deck each aircraft with legs of those `driven` begins: each has a deck of its own, in order."""
     teams = mission.world.teams
     legged = [(name, k) for name, k in driven if teams[name].model.legs is not None]
     decks = [
@@ -103,9 +92,6 @@ def others(controller: str, mission: Mission, driven: Sequence[Vehicle]) -> Mapp
 
     Teams that autopilots drive as a whole have none. A team without a policy there is sailed
     classically.
-
-    Raises:
-        CheckpointError: if the run has no trained policy for any team.
     """
     found: dict[str, Policy] = {}
     folder = Path(controller)

@@ -104,12 +104,7 @@ class Meta(Software, total=False):
 
 
 def create(out: Path, config: Scenario, source: Path) -> None:
-    """Create a run folder with the resolved configuration.
-
-    Raises:
-        RunError: if the folder exists already or cannot be written.
-        CheckpointError: if a stage's `start_from` does not exist.
-    """
+    """Create a run folder with the resolved configuration."""
     from rl.learn.policy import UNTRAINED, write_checkpoint
     from rl.learn.policy_sources import given_policies
     from rl.learn.stages import starting_weights
@@ -154,11 +149,7 @@ def _part(out: Path) -> Path:
 
 
 def begin(out: Path, config: Scenario, source: Path) -> None:
-    """Create a run folder. Under torchrun, which restarts all processes when one is lost, continue an existing one.
-
-    Raises:
-        RunError: if the folder exists already and holds another scenario.
-    """
+    """Create a run folder. Under torchrun, which restarts all processes when one is lost, continue an existing one."""
     if ranks.engine() is not None and (out / META).is_file():
         if read_json(out / META, dict).get("scenario_digest") == digest(config, source):
             return
@@ -180,11 +171,7 @@ def digest(config: Scenario, source: Path) -> str:
 
 
 def refuse_existing(out: Path) -> None:
-    """Refuse a folder that exists and is not empty.
-
-    Raises:
-        RunError: if it does.
-    """
+    """Refuse a folder that exists and is not empty."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise RunError(f"{out} exists already: give another --out, or continue it with: {resuming(out)}")
 
@@ -216,12 +203,7 @@ def _keep_plugin(name: str | None, beside: list[Path], out: Path) -> None:
 
 
 def load_config(run: Path, overrides=(), config: Path | None = None) -> tuple[Scenario, Path]:
-    """The scenario of a run (or the file `config` instead) with overrides, and the file it came from.
-
-    Raises:
-        RunError: if the folder is not a run, or one of another scenario that had the name of `config`.
-        ConfigError: if the configuration does not fit this version.
-    """
+    """The scenario of a run (or the file `config` instead) with overrides, and the file it came from."""
     if config is not None:
         file = find_config(config)
         if file.stem == "paper" and was_lanes(run):
@@ -265,11 +247,7 @@ def other_versions(run: Path) -> str:
 
 
 def newest(folder: Path) -> Path:
-    """The run in `folder` that began last.
-
-    Raises:
-        RunError: if there is none.
-    """
+    """The run in `folder` that began last."""
     runs = [p for p in folder.glob("*") if (p / CONFIG).is_file()] if folder.is_dir() else []
     if not runs:
         raise RunError(f"{folder}: no run to continue; name one with --out")
@@ -277,11 +255,7 @@ def newest(folder: Path) -> Path:
 
 
 def refuse_changes(config: str | None, overrides: list[str]) -> None:
-    """Refuse changes of the scenario on --resume: the saved one counts.
-
-    Raises:
-        RunError: if there is any change.
-    """
+    """Refuse changes of the scenario on --resume: the saved one counts."""
     if config or overrides:
         raise RunError(
             "--resume continues a run with its saved configuration: leave out --config, --seed and --set, or "
@@ -291,11 +265,7 @@ def refuse_changes(config: str | None, overrides: list[str]) -> None:
 
 @contextlib.contextmanager
 def lock(out: Path):
-    """Lock a run folder, so that no other command writes to it.
-
-    Raises:
-        RunError: if another process holds the lock.
-    """
+    """Lock a run folder, so that no other command writes to it."""
     with (out / LOCK).open("w") as file:
         try:
             if sys.platform == "win32":
@@ -318,11 +288,7 @@ def write_json(file: Path, content: object) -> None:
 
 
 def read_json(file: Path, kind: type[T]) -> T:
-    """The content of a JSON file, which is taken for a `kind` without a check.
-
-    Raises:
-        RunError: if it cannot be read.
-    """
+    """The content of a JSON file, which is taken for a `kind` without a check."""
     try:
         return json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

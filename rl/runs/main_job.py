@@ -51,7 +51,6 @@ def run_main_job(
     Unless it is to be `evaluated`, it ends with training, and None is returned.
 
     Raises:
-        ConfigError: if the scenario has nothing to train or its episodes are too short to measure.
         KeyboardInterrupt: on Ctrl-C, after a checkpoint; the message says how to continue.
     """
     if not config.stages:

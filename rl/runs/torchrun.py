@@ -50,9 +50,6 @@ def process_count(given: int | None, threads: int, share: int, arch: str = "cpu"
 
     The default is one process if `threads` is set, on a GPU, or where each process would have fewer than `enough`. It
     is also one in a process that the engine started.
-
-    Raises:
-        RunError: if `given` is more than the machine can bear or than there is work for.
     """
     if ranks.engine() is not None:
         return 1
@@ -73,7 +70,6 @@ def run(script: Path, arguments: list[str], number: int) -> None:
     """Run a script of rl/ as `number` processes; return when all have succeeded.
 
     Raises:
-        RunError: if one failed, with its message and rank.
         KeyboardInterrupt: if this process was interrupted, after all others have ended.
     """
     for attempt in range(RESTARTS + 1):

@@ -68,12 +68,7 @@ def tune(
     seed: int = 0,
     show_progress: bool = True,
 ) -> Tuned:
-    """Search for numbers of a team's classical controller: those in `names`, default all.
-
-    Raises:
-        ConfigError: if the controller lacks one of `names`, or one is 0.
-        ControllerError: if there is nothing to tune.
-    """
+    """Search for numbers of a team's classical controller: those in `names`, default all."""
     mission = make_mission(config, episodes, seed=derive_seed(seed, "tune"), teams=(team,), source=source)
     model, judge = mission.teams[team].fleet.model, mission_class(config, source).Judge
     kind = cast(type[TunableController], type(mission.teams[team].make_controller()))

@@ -66,11 +66,7 @@ def _tensor(given: object) -> Tensor:
 
 
 def numbers(given: object, what: str) -> Tensor:
-    """A tensor of `given`, a tensor, an array or nested sequences of numbers, without its gradient.
-
-    Raises:
-        ActionError: if these are no real numbers, or not of one shape; `what` names them.
-    """
+    """A tensor of `given`, a tensor, an array or nested sequences of numbers, without its gradient."""
     try:
         values = _tensor(given)
     except (TypeError, ValueError, RuntimeError) as error:
@@ -89,9 +85,6 @@ def checked_action(
     Args:
         given: these actions, any type of numbers. team: its name. names: of the actions. shape: (env, vehicle).
         dtype: of the result.
-
-    Raises:
-        ActionError: for a wrong shape, or a number that is not finite.
     """
     action, expected = numbers(given, f"actions of {team}"), (*shape, len(names))
     if tuple(action.shape) != expected:

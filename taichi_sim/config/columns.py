@@ -107,11 +107,7 @@ class Sheet:
         return self.rows[k][0]
 
     def find(self, name: str) -> Column | None:
-        """The column of a name, with its unit in brackets or without; None if there is none.
-
-        Raises:
-            ConfigError: if several have the name.
-        """
+        """The column of a name, with its unit in brackets or without; None if there is none."""
         found = [Column(k, title, "") for k, title in enumerate(self.header) if title == name]
         if not found:
             split = [(k, title, _UNIT.fullmatch(title)) for k, title in enumerate(self.header)]
@@ -124,9 +120,6 @@ class Sheet:
         """Values of a column in the unit of its `quantity` (UNITS); "" takes them as they are.
 
         Where values may be `missing`, an empty cell, NaN and a mark of a missing value are NaN.
-
-        Raises:
-            ConfigError: for an unknown unit, a cell without a finite number, or a mark of a missing value.
         """
         texts, title, least = self._cells(place), place.title, LEAST.get(quantity, TURN)
         found = [math.nan if missing and not text else self._number(text) for text in texts]
@@ -152,11 +145,7 @@ class Sheet:
         return values * self._factor(place, quantity)
 
     def times(self, place: Column) -> tuple[Array, bool]:
-        """Times of a column, s, and whether they are dates: seconds since 1970, UTC.
-
-        Raises:
-            ConfigError: for a cell that is no time, numbers among dates, times that do not rise, or other units than s.
-        """
+        """Times of a column, s, and whether they are dates: seconds since 1970, UTC."""
         factor, texts, title = self._factor(place, "time"), self._cells(place), place.title
         numbers = [self._number(text) for text in texts]
         moments = [_moment(text) if number is None else None for text, number in zip(texts, numbers, strict=True)]

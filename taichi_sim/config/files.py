@@ -40,11 +40,7 @@ def ndbc_set(path: Path) -> dict[str, Path]:
 
 
 def resolve_files(data: Table, scenario_file: Path, sources: Mapping[str, str]) -> None:
-    """Make the paths in a scenario's `data` absolute, those in its stages included.
-
-    Raises:
-        ConfigError: for a file that does not exist; `sources` as in `validate`.
-    """
+    """Make the paths in a scenario's `data` absolute, those in its stages included."""
     for holder, key, name, shown in _places(data):
         value = holder[name]
         if not isinstance(value, str) or (key == "sea.spectrum" and (not is_measured(value) or not path_like(value))):

@@ -32,11 +32,7 @@ def config_folder() -> Path:
 
 
 def find_config(path: str | Path) -> Path:
-    """`path` if it is a file, otherwise the shipped scenario of that name ("paper", "configs/paper.toml").
-
-    Raises:
-        ConfigError: if there is neither.
-    """
+    """`path` if it is a file, otherwise the shipped scenario of that name ("paper", "configs/paper.toml")."""
     path = Path(path)
     if path.is_file():
         return path
@@ -53,9 +49,6 @@ def load_world(path: str | Path = "paper", overrides: Iterable[str] = ()) -> Wor
 
     Keys that do not belong to a world (those of a mission, stages, evaluation) are ignored, unless one looks like a
     misspelling of a key of the world.
-
-    Raises:
-        ConfigError: for any mistake; the message names file, key, value and what is allowed.
     """
     file = find_config(path)
     data, overrides = read_toml(file), list(overrides)
@@ -76,11 +69,7 @@ def load_world(path: str | Path = "paper", overrides: Iterable[str] = ()) -> Wor
 
 
 def _known(data: dict, known: set[str], file: str, sources: Mapping[str, str], section: str = "") -> Table:
-    """Entries of `data` whose keys are in `known`.
-
-    Raises:
-        ConfigError: for another key that resembles a known one.
-    """
+    """Entries of `data` whose keys are in `known`."""
     for key in data.keys() - known:
         if close := nearly(key, known):
             raise ConfigError(
@@ -91,11 +80,7 @@ def _known(data: dict, known: set[str], file: str, sources: Mapping[str, str], s
 
 
 def vehicle_file(team: TeamConfig, scenario_file: Path | None = None) -> Path:
-    """The vehicle file of a team: a path, or a name in `vehicles/` beside the scenario or among the shipped ones.
-
-    Raises:
-        ConfigError: if it is missing; the message lists the known ones.
-    """
+    """The vehicle file of a team: a path, or a name in `vehicles/` beside the scenario or among the shipped ones."""
     name = Path(team.vehicle)
     folders = [scenario_file.parent / "vehicles"] if scenario_file else []
     folders.append(config_folder() / "vehicles")
@@ -114,11 +99,7 @@ def vehicle_file(team: TeamConfig, scenario_file: Path | None = None) -> Path:
 
 
 def read_toml(file: Path) -> dict[str, Any]:
-    """The content of a TOML file.
-
-    Raises:
-        ConfigError: if it cannot be read; the message says where it is malformed.
-    """
+    """The content of a TOML file."""
     try:
         if Path(file).exists() and not Path(file).is_file():
             raise ConfigError(f"{file}: cannot be read: not a file")
@@ -163,11 +144,7 @@ def toml_text(model: BaseModel) -> str:
 
 
 def validate(model: type[Model], data: Table, source: str, sources: Mapping[str, str] | None = None) -> Model:
-    """`model` from `data`. `sources` names another source for single keys ("usv.count"): the override that has set it.
-
-    Raises:
-        ConfigError: for mistakes; the message names the source, each wrong key, its value and what is allowed.
-    """
+    """`model` from `data`. `sources` names another source for single keys ("usv.count"): the override that set it."""
     try:
         return model.model_validate(with_tuples(data))
     except ValidationError as error:
@@ -182,11 +159,7 @@ def with_tuples(value: object) -> object:
 
 
 def apply_overrides(data: Table, overrides: Iterable[str], kind: type[WorldConfig] = WorldConfig) -> dict[str, str]:
-    """Apply `KEY=VALUE` overrides to a file's `data` of type `kind`; return each key's source for error messages.
-
-    Raises:
-        ConfigError: for an override that is not of that form.
-    """
+    """Apply `KEY=VALUE` overrides to a file's `data` of type `kind`; return each key's source for error messages."""
     values, sources = {}, {}
     for text in [overrides] if isinstance(overrides, str) else overrides:
         key, (_, equals, value) = key_of(text), text.partition("=")
@@ -201,9 +174,6 @@ def set_values(data: Table, values: Mapping[str, object], kind: type[WorldConfig
     """Set dotted keys to `values` in a file's `data` of type `kind`, and remove the keys that they replace.
 
     `sources` gives the source of each key for error messages.
-
-    Raises:
-        ConfigError: for a key that leads through a value.
     """
     keys = list(values)
     if "sea.spectrum" in values and is_measured(values["sea.spectrum"]):
@@ -223,11 +193,7 @@ def set_values(data: Table, values: Mapping[str, object], kind: type[WorldConfig
 
 
 def key_of(override: str) -> str:
-    """KEY of an override `KEY=VALUE`, without quotes around its parts.
-
-    Raises:
-        ConfigError: if it is no text.
-    """
+    """KEY of an override `KEY=VALUE`, without quotes around its parts."""
     if not isinstance(override, str):
         raise ConfigError(f"override {override!r}: a text KEY=VALUE is expected, as 'sea.hs=1.0'")
     return override.partition("=")[0].strip().replace('"', "")

@@ -213,9 +213,6 @@ def findings(params: BaseModel) -> list[Finding]:
 def judge(params: BaseModel, source: str, sources: Mapping[str, str] | None = None) -> None:
     """Warn of numbers that are not plausible in `params`, which were read from the file `source`; `sources` names
     another source for single keys.
-
-    Raises:
-        ConfigError: for numbers that cannot be meant; the message has key, value, range and the likely mistake.
     """
     found = findings(params)
     if not found:

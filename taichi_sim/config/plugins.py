@@ -46,9 +46,6 @@ def load_class(name: str, base: type | None = None, beside: Sequence[Path] = ())
         name: `package.module:Class`.
         base: class that it must derive from; None: any object.
         beside: folders to search first, those of the files that name it.
-
-    Raises:
-        ConfigError: if the module cannot be found or imported (PluginError), or has no such class.
     """
     module_name, _, attribute = name.partition(":")
     if not module_name or not attribute:

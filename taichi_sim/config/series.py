@@ -67,11 +67,7 @@ def mean_of(file: str, blows_from: bool = False) -> tuple[float, float]:
 
 
 def read_series(file: str, blows_from: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Times [n] (s) and velocities [n, 2] (north, east, m/s) of a file; a wind's direction is where it `blows_from`.
-
-    Raises:
-        ConfigError: for a mistake in the file or a speed that no wind or current has; the message names file and line.
-    """
+    """Times [n] (s) and velocities [n, 2] (north, east, m/s) of a file; a wind's direction is where it `blows_from`."""
     path = Path(file)
     with reading(path, ConfigError):
         stamp = path.stat().st_mtime_ns

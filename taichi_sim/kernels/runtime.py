@@ -88,11 +88,7 @@ class Runtime:
         return torch.device("cuda" if self.arch == "cuda" else "cpu")
 
     def check(self, *tensors: torch.Tensor) -> None:
-        """Refuse floating-point tensors of another precision, and any on another device.
-
-        Raises:
-            ProgramError: as described.
-        """
+        """Refuse floating-point tensors of another precision, and any on another device."""
         for tensor in tensors:
             known = tensor.dtype == self.torch_dtype or not tensor.is_floating_point()
             if not known or tensor.device.type != self.device.type:
@@ -128,8 +124,6 @@ def init(arch: str = "cpu", precision: Precision = "f32", threads: int = 0) -> R
 
     Raises:
         ValueError: for an unknown architecture or precision, or a wrong number of threads.
-        ProgramError: in a process that was forked from one in which Taichi ran, and where a program runs that somebody
-            else started.
     """
     global _current, _generation, _void
     if arch not in ("cpu", "cuda"):
@@ -212,11 +206,7 @@ def _clear_stale_lock(cache: Path) -> None:
 
 
 def current() -> Runtime:
-    """Return the running Taichi program; start the default one if there was none.
-
-    Raises:
-        ProgramError: if our program cannot be used any more (`_void`).
-    """
+    """Return the running Taichi program; start the default one if there was none."""
     if _void is not None:
         raise ProgramError(_void)
     return _current or init()
@@ -356,9 +346,6 @@ class own_settings(contextlib.ContextDecorator):  # noqa: N801 (a context, used 
     `torch.autocast`), and results can be written in place, also when `torch.inference_mode` has ended. Whether
     gradients are recorded stays as it is. Other threads wait: Taichi compiles in one thread at a time, and these
     settings are those of the process. Where all is as it should be, entering and leaving take a microsecond.
-
-    Raises:
-        ProgramError: if our Taichi program cannot be used any more.
     """
 
     def _recreate_cm(self) -> "own_settings":

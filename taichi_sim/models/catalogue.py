@@ -41,11 +41,7 @@ Changes: TypeAlias = dict[str, Any]
 
 
 def find_model(name: object, file: Path, source: Path | None = None) -> type[Vehicle]:
-    """Class of the model that a vehicle file names. A user's class is searched beside the file and beside `source`.
-
-    Raises:
-        ConfigError: if there is no such model.
-    """
+    """Class of the model that a vehicle file names. A user's class is searched beside the file and beside `source`."""
     if isinstance(name, str) and is_plugin(name):
         try:
             return load_class(name, Vehicle, [f.parent for f in (file, source) if f is not None])
@@ -67,9 +63,6 @@ def load_vehicle(
         substeps: physics steps of a control step.
         source: the scenario's file, beside which a user's model is searched too.
         changes: changed sections or numbers of the file; other numbers of a section stay.
-
-    Raises:
-        ConfigError: for a missing or unknown model, or a wrong key or value; UnstableStepError for too long a dt.
     """
     file = vehicle_file(TeamConfig(vehicle=str(file)))
     data = read_toml(file)
@@ -92,9 +85,6 @@ def describe(file: Path, source: Path | None = None) -> Vehicle:
     """Model of a vehicle file to ask for its size, limits and numbers, not to step.
 
     Vessels do without Taichi; the trim of aircraft starts it.
-
-    Raises:
-        ConfigError: as `load_vehicle`.
     """
     data = read_toml(file)
     model = find_model(data.pop("model", None), file, source)
@@ -107,9 +97,6 @@ def describe(file: Path, source: Path | None = None) -> Vehicle:
 def step_of(file: Path) -> float:
     """Physics step (s) of a vehicle file, its key `dt`, at which its motion errs by 1 % (docs/step.md); DEFAULT_STEP,
     if it has none.
-
-    Raises:
-        ConfigError: for a step that is no number between 0 and LARGEST_STEP.
     """
     given = read_toml(file).get("dt", DEFAULT_STEP)
     if not isinstance(given, float) or not 0 < given <= LARGEST_STEP:
@@ -125,11 +112,7 @@ def _merged(old: object, new: Any) -> Any:
 
 
 def vehicle_files(file: Path, source: Path | None = None) -> list[Path]:
-    """A vehicle file and the files that it names: everything needed to load it elsewhere.
-
-    Raises:
-        ConfigError: for an unknown model, or a file that does not exist.
-    """
+    """A vehicle file and the files that it names: everything needed to load it elsewhere."""
     data = read_toml(file)
     found = [file, *_resolve_files(data, find_model(data.get("model"), file, source).file_keys, file.parent)]
     for named in found:

@@ -99,12 +99,7 @@ The wave direction is where waves travel to."""
 
 
 def realise(config: WorldConfig, seed: int) -> tuple[Sea, Conditions]:
-    """Draw the sea realisations of a world, and the conditions of each.
-
-    Raises:
-        ConfigError: for a range beyond the limits of a condition.
-        SteepSeaError: if a realisation could loop.
-    """
+    """Draw the sea realisations of a world, and the conditions of each."""
     found = _drawn(config, seed)
     if not (varied(config) & {*SIZE, "sea.direction_deg"}) and not (config.sea.follows_wind and _windy(config)):
         return Sea.from_config(resolved_sea(config), seed), found
@@ -123,11 +118,7 @@ def _windy(config: WorldConfig) -> bool:
 
 
 def bounds(config: WorldConfig, key: str) -> tuple[float, float]:
-    """Lowest and highest value of a condition; the nominal value twice if it does not vary.
-
-    Raises:
-        ConfigError: if the scenario's range exceeds the limits of the condition.
-    """
+    """Lowest and highest value of a condition; the nominal value twice if it does not vary."""
     return _bounds(config, key, nominal_conditions(config)[key])
 
 

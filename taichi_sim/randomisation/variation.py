@@ -40,9 +40,6 @@ class NumberDraws(Remembers):
 
         If only `variation` > 1 makes a range exceed what the vehicle file accepts, its ends are moved to the nearest
         accepted values.
-
-        Raises:
-            ConfigError: for a key that cannot vary, or a range with numbers that the vehicle file does not accept.
         """
         self.fleet, self.names = fleet, tuple(ranges)
         ends, scale = [], []
@@ -138,11 +135,7 @@ class Variation(Remembers):
         self._draws: dict[str, NumberDraws] = self.remember({})
 
     def add(self, fleet: Fleet) -> None:
-        """Include the vehicles of a team.
-
-        Raises:
-            ConfigError: for a range that its section must not have.
-        """
+        """Include the vehicles of a team."""
         ranges = self.config.teams[fleet.name].vary
         self._draws[fleet.name] = draws = NumberDraws(fleet, ranges, self.config.variation, self.seed)
         self.names[fleet.name] = (*draws.names, *TRUTH)

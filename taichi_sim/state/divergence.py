@@ -54,11 +54,7 @@ class Divergence(Remembers):
         ]  # fmt: skip
 
     def rest(self, envs: Tensor, cause: str) -> None:
-        """Put environments `envs`, bool [env], to rest, and end their episodes; a warning tells each `cause` once.
-
-        Raises:
-            NotFiniteError: where an episode has just begun and all that is remembered is finite: no state explains it.
-        """
+        """Put environments `envs`, bool [env], to rest, and end their episodes; a warning tells each `cause` once."""
         mended, rows = torch.zeros_like(envs), envs.nonzero().flatten()
         mended[rows] = self._mend(rows)
         if bool((wrong := envs & ~mended & ~self.envs & (self._steps <= 1)).any()):

@@ -55,11 +55,7 @@ def save_dump(dump: Dump, folder: Path) -> Path | None:
 
 
 def load_dump(path: Path) -> Dump:
-    """Read a dump.
-
-    Raises:
-        ConfigError: if the file is not a dump.
-    """
+    """Read a dump."""
     try:
         data = torch.load(path, weights_only=True)
         config = validate(WorldConfig, data.pop("config"), str(path))

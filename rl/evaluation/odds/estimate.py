@@ -101,12 +101,7 @@ class Pilot(NamedTuple):
 
 
 def check(question: Question) -> bool:
-    """Refuse what has no odds, before anything long begins; say whether episodes can branch.
-
-    Raises:
-        RunError: for an ending that the team does not have, a policy with a memory of its own, a mission whose state is
-            not remembered, or an episode that begins with the ending.
-    """
+    """Refuse what has no odds, before anything long begins; say whether episodes can branch."""
     config, name = question.config, question.team
     if name not in question.policies:
         raise RunError(f"--team {name}: there are {', '.join(question.policies)}")
@@ -191,9 +186,6 @@ def find_odds(
 
     The first `REPEATS` say how many more a standard error of `relative` p needs; that number is then fixed. Ctrl-C
     leaves what is known, if that are two repeats or more.
-
-    Raises:
-        RunError: for what `check` refuses.
     """
     place = ranks.here()
     with tqdm(desc=f"{question.team} {question.ending}", unit="step", unit_scale=True,

@@ -45,11 +45,7 @@ class _HappenedError(Exception):
 
 
 def record(question: Question, line: Line) -> Episode:
-    """Run a failure again and record it.
-
-    Raises:
-        RunError: if it does not happen: the scenario, the policy or the program is another.
-    """
+    """Run a failure again and record it."""
     paths = question.paths(line.repeat, lambda _: None)
     interval, reel = question.config.decision_interval, None
     known: set[tuple[str, int, str]] = set()

@@ -20,9 +20,6 @@ def write_report(folders: Sequence[Path], out: Path | None = None) -> Path:
     Args:
         folders: one or two run folders.
         out: the file; default in the first run's folder.
-
-    Raises:
-        RunError: if a folder is not a run.
     """
     # matplotlib takes a second
     from rl.evaluation.report.about import about, configuration, curves, figures, possible, sweeps

@@ -32,10 +32,6 @@ def controller_class(model: Vehicle) -> type[SlotController] | None:
 
 
 def controller_of(model: Vehicle, gains: Mapping[str, float], key: str) -> SlotController | None:
-    """The controller of a vehicle's `model` with `gains`; None if there is none.
-
-    Raises:
-        ConfigError: for unknown gains, by the scenario's `key`.
-    """
+    """The controller of a vehicle's `model` with `gains`; None if there is none."""
     kind = controller_class(model)
     return None if kind is None else kind(model, validate(kind.Gains, dict(gains), key))

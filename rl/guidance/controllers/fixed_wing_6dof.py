@@ -161,9 +161,6 @@ class FixedWing6DofController(SlotController):
 
         The course aside follows in 1 / `course`. The airspeed, under proportional and integral throttle, first follows
         in 1 / (2 ZETA omega) of that loop's frequency omega.
-
-        Raises:
-            ControllerError: if the aircraft is flown by its surfaces.
         """
         if model.actions == "surfaces":
             raise ControllerError(

@@ -399,11 +399,7 @@ class Hull6DofController(CourseController):
     Gains = Hull6DofGains
 
     def __init__(self, model: Hull6Dof, gains: Hull6DofGains | None = None):
-        """Compute what follows from the parameters of `model` and the `gains`.
-
-        Raises:
-            ControllerError: if it has no thrusters, or is not commanded by them together.
-        """
+        """Compute what follows from the parameters of `model` and the `gains`."""
         self.actions, self.gains = model.params.actions, gains or Hull6DofGains()
         self.steering = Steering.of(model) if self.actions == "wrench" else None
         if model.params.thrusters is not None and self.actions in ("surge_yaw", "left_right"):

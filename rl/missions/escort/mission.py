@@ -50,11 +50,7 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
     Judge = EscortJudge
 
     def make_teams(self, names: Sequence[str]) -> dict[str, EscortBoats | EscortAircraft]:
-        """Draw the worlds, then make the tracking that all observers share, and the teams.
-
-        Raises:
-            ConfigError: if the teams do not fit their vehicles, the wind or each other.
-        """
+        """Draw the worlds, then make the tracking that all observers share, and the teams."""
         run, config, fleets = runtime.current(), self.config, {name: self.world.teams[name] for name in names}
         check_parts(config, fleets)
         boats, vessel = fleets.get(config.escort.boats), config.escort.vessel

@@ -190,11 +190,7 @@ def aloft(aircraft: Fleet[Vehicle], down: Tensor, over: Tensor, generator: torch
 
 
 def check_parts(config: EscortScenario, fleets: Mapping[str, Fleet[Vehicle]]) -> None:
-    """Refuse teams whose vehicles cannot do their part.
-
-    Raises:
-        ConfigError: if so; the message names the key and the numbers.
-    """
+    """Refuse teams whose vehicles cannot do their part."""
     parts = config.escort
     for name, medium in ((parts.boats, "water"), (parts.aircraft, "air")):
         if name in fleets and (moves := fleets[name].model.medium) != medium:
@@ -250,11 +246,7 @@ def warn_of_speeds(config: EscortScenario, boats: Fleet[Vehicle]) -> None:
 
 
 def check_slots(config: EscortScenario, boats: Fleet[Vehicle], offsets: torch.Tensor, radius: float) -> None:
-    """Refuse slots at `offsets` [boat, 2] (m) in which boats would touch the vessel, of that radius (m), or each other.
-
-    Raises:
-        ConfigError: if so; the message names the key and the numbers.
-    """
+    """Refuse slots at `offsets` [boat, 2] (m) in which boats touch the vessel, of that radius (m), or each other."""
     near, own, key = float(offsets.norm(dim=-1).min()), boats.model.collision_radius, f"{boats.name}.spacing"
     spacing = config.parts[boats.name].spacing
     if near <= own + radius:

@@ -47,11 +47,7 @@ class Formation(Mission[FormationScenario, TeamTask]):
     Judge = FormationJudge
 
     def make_teams(self, names: Sequence[str]) -> dict[str, TeamTask]:
-        """Generate worlds, starts and targets, then the teams that follow these.
-
-        Raises:
-            ConfigError: where they do not fit, or a team could not follow the track.
-        """
+        """Generate worlds, starts and targets, then the teams that follow these."""
         run, config = runtime.current(), self.config
         self.wind_factor = self.world.wind.speed_factor(config.track.flight_height)
         models = {name: self.world.teams[name].model for name in names}

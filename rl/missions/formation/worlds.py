@@ -254,11 +254,7 @@ def _first_clear_pull(
 
 
 def generate_worlds(config: FormationScenario, seed: int) -> tuple[Tracks, Tensor]:
-    """Tracks and generated obstacles [world, count, 4] of a scenario.
-
-    Raises:
-        ConfigError: if the scenario's sections track, obstacles and area leave no room for them.
-    """
+    """Tracks and generated obstacles [world, count, 4] of a scenario."""
     track, cylinders = config.track, config.obstacles
     widest = max(lane_half_width(t.shapes, t.count, t.spacings[1]) for t in config.formations.values())
     try:
@@ -288,9 +284,6 @@ def traffic_of(config: FormationScenario, places: Mapping[str, Tensor], speed: f
     Args:
         config: the scenario. places: medium -> slots of a team there [world, start, vehicle, 2], m. speed: of the
             slowest target, m/s.
-
-    Raises:
-        ConfigError: if a team would meet more than MOST_MET.
     """
     track, cylinders = config.track, config.obstacles
     met = cylinders.count * config.episode_duration * speed / track.length
@@ -321,9 +314,6 @@ def draw_traffic(
 ) -> Tensor:  # fmt: skip
     """Draw traffic for each start [world, start, 8, body] (rl/guidance/course/obstacles.py), among `obstacles` [world,
     n, 4].
-
-    Raises:
-        ConfigError: if it is faster than the vehicles, or finds no free path.
     """
     places: dict[str, Tensor] = {}
     for name, model in models.items():
@@ -351,9 +341,6 @@ def check_teams(config: FormationScenario, models: Mapping[str, Vehicle]) -> Non
 
     A slot at y to starboard of a leader on a bend of radius R to starboard goes at v (1 - y / R): backwards where
     y > R.
-
-    Raises:
-        ConfigError: naming the key, and the numbers.
     """
     for name, model in models.items():
         if config.formations[name].speed_over == "air" and model.medium != "air":

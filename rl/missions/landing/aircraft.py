@@ -86,11 +86,7 @@ class Aircraft(Team[LandingHost, LandingTeam]):
     logged = ("landed", "failed", "touch_error_m", "touch_speed")
 
     def __init__(self, mission: LandingHost, name: str, decks: Decks):
-        """Prepare team `name`, which lands on `decks`.
-
-        Raises:
-            ConfigError: for aircraft that are not multirotors with legs.
-        """
+        """Prepare team `name`, which lands on `decks`."""
         super().__init__(mission, name)
         config, state, model = mission.config, self.fleet.state, self.fleet.model
         told = f"{name}.vehicle = {self.section.vehicle!r}"
@@ -235,9 +231,6 @@ class Aircraft(Team[LandingHost, LandingTeam]):
         """Actions [env, aircraft, a] that fly a velocity [env, aircraft, 3] (NED, m/s), aligned with the deck.
 
         Once a sole is on the deck and all are over it, the actions command full descent, so that the rotors idle.
-
-        Raises:
-            ConfigError: for aircraft that are not commanded by velocities.
         """
         if self.model.actions != "velocity":
             raise ConfigError(

@@ -45,11 +45,7 @@ class Boats(Decks):
     """
 
     def __init__(self, fleet: Fleet[Vehicle], steps: Tensor, config: LandingScenario):
-        """Sail `fleet`; `steps` int64 [env] are the decisions since the episode began.
-
-        Raises:
-            ControllerError: for an aircraft.
-        """
+        """Sail `fleet`; `steps` int64 [env] are the decisions since the episode began."""
         section, model, state = config.parts[fleet.name], fleet.model, fleet.state
         if model.medium != "water":
             raise ControllerError(f"{fleet.name}.vehicle = {section.vehicle!r}: no vessel that the mission could sail")

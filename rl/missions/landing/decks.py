@@ -44,11 +44,7 @@ class Decks(Remembers):
     """
 
     def __init__(self, fleet: Fleet[Vehicle]):
-        """Follow the decks of `fleet`.
-
-        Raises:
-            ConfigError: if its vehicle has none.
-        """
+        """Follow the decks of `fleet`."""
         if fleet.model.deck is None:
             raise ConfigError(f"{fleet.name}.vehicle has no [deck] on which aircraft could land")
         self.fleet, self.centre = fleet, fleet.state.new_tensor(fleet.model.deck.centre)

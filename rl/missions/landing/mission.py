@@ -54,11 +54,7 @@ def afloat(fleet: Fleet, config: LandingScenario, n: int, generator: torch.Gener
 
 
 def aloft(team: Aircraft, over: Tensor, config: LandingConfig, generator: torch.Generator) -> Tensor:
-    """Draw states [n, aircraft, 13] of aircraft in hover around places `over` [n, aircraft, 2] (m), with any heading.
-
-    Raises:
-        ConfigError: where two aircraft would begin in one place.
-    """
+    """Draw states [n, aircraft, 13] of aircraft that hover around `over` [n, aircraft, 2] (m), with any heading."""
     like, n = team.fleet.state, len(over)
     state = like.new_zeros((*over.shape[:2], STATE_SIZE))
     rows = torch.arange(n, device=like.device)
@@ -103,11 +99,7 @@ class Landing(Mission[LandingScenario, SensingAircraft]):
         super().__init__(config, num_envs, seed=seed, teams=there, source=source)
 
     def make_teams(self, names: Sequence[str]) -> dict[str, SensingAircraft]:
-        """Make the boats, which a script steers, and the aircraft.
-
-        Raises:
-            ConfigError: where boats have no deck, or there are teams without a part.
-        """
+        """Make the boats, which a script steers, and the aircraft."""
         run, parts, fleets = runtime.current(), self.config.landing, self.world.teams
         for name in names:
             if name not in (parts.boats, parts.aircraft):

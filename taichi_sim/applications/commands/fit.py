@@ -65,11 +65,7 @@ CLOSE = 0.95  # correlations of two numbers above this are reported
 
 
 def shares(texts: list[str], option: str) -> dict[str, float]:
-    """Positive numbers from texts KEY=NUMBER.
-
-    Raises:
-        ConfigError: for any other text.
-    """
+    """Positive numbers from texts KEY=NUMBER."""
     found = {}
     for text in texts:
         key, _, value = text.partition("=")
@@ -83,11 +79,7 @@ def shares(texts: list[str], option: str) -> dict[str, float]:
 
 
 def numbers_of(model: Vehicle, asked: str, vehicle: str) -> tuple[str, ...]:
-    """Keys to fit: those asked for, or the model's usual ones that are not zero.
-
-    Raises:
-        ConfigError: if the model has no usual ones.
-    """
+    """Keys to fit: those asked for, or the model's usual ones that are not zero."""
     if asked:
         return tuple(key.strip() for key in asked.split(","))
     usual = USUAL.get(type(model))
@@ -188,11 +180,7 @@ def of_starts(found: Fit) -> list[str]:
 
 
 def written(file: Path, values: Mapping[str, tuple[Any, str]]) -> str:
-    """The text of a vehicle file with `values`: key -> value, and what to say of it.
-
-    Raises:
-        ConfigError: for a number whose place in the text is not found.
-    """
+    """The text of a vehicle file with `values`: key -> value, and what to say of it."""
     text = file.read_text(encoding="utf-8")
     for key, (value, note) in values.items():
         *sections, last = key.split(".")
@@ -288,11 +276,7 @@ def save(
 
 
 def check_out(out: Path, file: Path, model: Vehicle, keys: Sequence[str], changes: Mapping[str, Any]) -> None:
-    """Before the search: whether a vehicle file with fitted `keys` can be written to `out` and read again.
-
-    Raises:
-        ConfigError: if not.
-    """
+    """Before the search: whether a vehicle file with fitted `keys` can be written to `out` and read again."""
     check_target(out)
     nominal = values_of(model, keys, [model.nominal[key] for key in keys], [""] * len(keys))
     text = written(file, {key: (value, "") for key, value in _flat(changes).items()} | nominal)
@@ -309,11 +293,7 @@ def check_out(out: Path, file: Path, model: Vehicle, keys: Sequence[str], change
 
 
 def check_target(target: Path) -> None:
-    """Whether a file can be written.
-
-    Raises:
-        ConfigError: if not.
-    """
+    """Whether a file can be written."""
     if not target.parent.is_dir():
         raise ConfigError(f"{target}: there is no folder {target.parent}")
     try:
@@ -361,11 +341,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Fit and print, or make logs.
-
-    Raises:
-        ConfigError: for bad input.
-    """
+    """Fit and print, or make logs."""
     file = vehicle_file(TeamConfig(vehicle=str(args.vehicle)))
     changes = changes_of(args.overrides)
     model = load_vehicle(args.vehicle, **changes)

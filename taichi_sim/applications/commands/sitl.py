@@ -57,11 +57,7 @@ COLUMNS = (
 
 
 def craft_of(args: argparse.Namespace) -> Craft:
-    """The vehicle that the arguments describe.
-
-    Raises:
-        ConfigError: for bad input.
-    """
+    """The vehicle that the arguments describe."""
     sea, air, _ = conditions_of(args)
     changes = changes_of(args.overrides)
     if args.air is not None:
@@ -116,12 +112,7 @@ def port_of(args: argparse.Namespace, k: int) -> int:
 
 
 def serve(args: argparse.Namespace) -> None:
-    """Serve autopilots until Ctrl-C, or for --duration seconds of simulated time.
-
-    Raises:
-        ConfigError: for bad input, or a port that is taken.
-        MissingExtraError: if PX4 is to be served and pymavlink is not installed.
-    """
+    """Serve autopilots until Ctrl-C, or for --duration seconds of simulated time."""
     with ExitStack() as open_things:
         wires = open_things.enter_context(selectors.DefaultSelector())
         sessions = [_opened(args, k, wires, open_things) for k in range(args.instances)]

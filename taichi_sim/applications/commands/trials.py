@@ -62,11 +62,7 @@ ROTORS: dict[str, Callable[[MultirotorParams], Outcome]] = {
 
 
 def pairs(text: str) -> Table:
-    """TOML values from a text KEY=VALUE,KEY=VALUE; a key may be SECTION.KEY.
-
-    Raises:
-        ConfigError: for a text of another form; the message has it.
-    """
+    """TOML values from a text KEY=VALUE,KEY=VALUE; a key may be SECTION.KEY."""
     try:
         return tomllib.loads(f"values = {{{text}}}")["values"]
     except tomllib.TOMLDecodeError:
@@ -76,11 +72,7 @@ def pairs(text: str) -> Table:
 
 
 def changes_of(overrides: Sequence[str]) -> Changes:
-    """Changed values of a vehicle file from texts KEY=VALUE or SECTION.KEY=VALUE.
-
-    Raises:
-        ConfigError: for any other text.
-    """
+    """Changed values of a vehicle file from texts KEY=VALUE or SECTION.KEY=VALUE."""
     found: Changes = {}
     for text in overrides:
         key, _, value = text.partition("=")
@@ -125,11 +117,7 @@ def conditions_of(args: argparse.Namespace) -> tuple[SeaConfig | None, AirConfig
 
 
 def kind_of(model: Vehicle, vehicle: str) -> tuple[str, Mapping[str, Callable[..., Outcome]]]:
-    """The kind of a craft, and its trials by name.
-
-    Raises:
-        ConfigError: for a craft without trials.
-    """
+    """The kind of a craft, and its trials by name."""
     if isinstance(model, Vessel):
         return "vessel", VESSELS
     if isinstance(model.params, FixedWingParams):
@@ -143,11 +131,7 @@ def kind_of(model: Vehicle, vehicle: str) -> tuple[str, Mapping[str, Callable[..
 
 
 def run(args: argparse.Namespace, shown: Callable[[str], None]) -> TrialsReport:
-    """Do all trials that are asked for.
-
-    Raises:
-        ConfigError: for bad input, or for a trial asked for by name that the craft cannot do.
-    """
+    """Do all trials that are asked for."""
     sea, air, told = conditions_of(args)
     changes = changes_of(args.overrides)
     model = load_vehicle(args.vehicle, 1e-3, 1, **changes)

@@ -44,12 +44,7 @@ OTHER_AXES = {"ned", "frd", "nwu", "esd"}  # parts of a frame's name
 
 
 def read_bag(path: Path, action_names: tuple[str, ...], source: Source) -> Table:
-    """The table of one vehicle in a bag.
-
-    Raises:
-        LogError: for what is no bag, or lacks a topic.
-        MissingExtraError: without `rosbags`.
-    """
+    """The table of one vehicle in a bag."""
     with needs("rosbags", "ros"):
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
@@ -162,11 +157,7 @@ def _messages(bag: "AnyReader", topic: str) -> tuple[Array, list[Any]]:
 
 
 def _clocks(read: Mapping[str, tuple[Array, list[Any]]], odom: str) -> dict[str, Array]:
-    """Times of each topic's messages, s: the headers' stamps, if all have one, else when they were recorded.
-
-    Raises:
-        LogError: for stamps of two clocks.
-    """
+    """Times of each topic's messages, s: the headers' stamps, if all have one, else when they were recorded."""
     recorded = {topic: received for topic, (received, _) in read.items()}
     stamps = {
         topic: np.array([m.header.stamp.sec + NS * m.header.stamp.nanosec for m in messages])
@@ -184,11 +175,7 @@ def _clocks(read: Mapping[str, tuple[Array, list[Any]]], odom: str) -> dict[str,
 
 
 def _motion(topic: str, odometry: list[Any]) -> tuple[Array, Array, Array, Array]:
-    """North, east (m), heading (rad, clockwise from north), yaw rate (rad/s, bow to starboard) of odometry in ENU.
-
-    Raises:
-        LogError: for what is no position or no orientation, and for other frames.
-    """
+    """North, east (m), heading (rad, clockwise from north), yaw rate (rad/s, bow to starboard) of odometry in ENU."""
     frames = sorted({m.header.frame_id for m in odometry})
     axes = {frame: re.split(r"[^a-z]+", frame.lower().rpartition("/")[2])
             for frame in (*frames, *(m.child_frame_id for m in odometry))}  # fmt: skip

@@ -42,12 +42,7 @@ HAS_POSITION, HOLDS_POSITION = 8 | 16, 128  # bits of XKF4.SS: relative or absol
 
 
 def read_dataflash(file: Path, model: Vehicle, source: Source) -> Table:
-    """The table of a dataflash log.
-
-    Raises:
-        LogError: for what is no such log, or lacks messages.
-        MissingExtraError: without `pymavlink`.
-    """
+    """The table of a dataflash log."""
     with needs("pymavlink", "ardupilot"):
         from pymavlink.DFReader import DFReader_binary
     found: dict[str, list[Any]] = {name: [] for name in ("XKF1", "XKF4", "IMU", "RCOU", "PARM")}

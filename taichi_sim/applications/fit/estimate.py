@@ -289,10 +289,6 @@ def fit(
         starts: number of searches: one from the file's numbers, the others from draws of the priors.
         tests: logs that are simulated by the fitted numbers, but not fitted.
         changes: changed keys of the vehicle file (load_vehicle).
-
-    Raises:
-        ConfigError: for a vehicle or a key that cannot be fitted.
-        LogError: for logs with too few data.
     """
     if runtime.current().precision != "f64":
         raise ConfigError("a fit needs double precision: runtime.init(precision='f64')")

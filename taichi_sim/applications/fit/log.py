@@ -85,11 +85,7 @@ class Log(NamedTuple):
 
 
 def read_columns(file: Path) -> dict[str, Column]:
-    """Where columns are, from a TOML file of lines NAME = "SOURCE" or NAME = ["SOURCE", FACTOR].
-
-    Raises:
-        LogError: for a file that is not of this kind.
-    """
+    """Where columns are, from a TOML file of lines NAME = "SOURCE" or NAME = ["SOURCE", FACTOR]."""
     with reading(file, LogError):
         lines = tomllib.loads(file.read_text(encoding="utf-8"))
     found = {}
@@ -103,13 +99,7 @@ def read_columns(file: Path) -> dict[str, Column]:
 
 
 def read_log(file: Path, model: Vehicle, source: Source | None = None) -> Log:
-    """Read a log for `model`; its kind goes by its name: .csv, .bin, or .mcap and folders for bags.
-
-    Raises:
-        LogError: for a file that is not a log, NaN, decreasing times, angles in degrees, other frames, or actions out
-            of range.
-        MissingExtraError: for a bag or a .bin, if the package that reads it is not installed.
-    """
+    """Read a log for `model`; its kind goes by its name: .csv, .bin, or .mcap and folders for bags."""
     source = source or Source()
     way, known = OTHER_KINDS.get(file.suffix.lower()), known_columns(model)
     unknown = min(set(source.columns) - known, default="")

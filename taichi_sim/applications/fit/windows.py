@@ -45,11 +45,7 @@ class Window(NamedTuple):
 
 
 def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
-    """Consecutive windows of `seconds` in each part of each log.
-
-    Raises:
-        LogError: if there is none, or logs differ in their interval.
-    """
+    """Consecutive windows of `seconds` in each part of each log."""
     found, short, first = [], False, logs[0].interval
     for number, log in enumerate(logs):
         if abs(log.interval - first) > 0.01 * first:
@@ -131,11 +127,7 @@ class WindowSimulator:
     """Simulates windows side by side, with candidate numbers, currents and initial states."""
 
     def __init__(self, vehicle: str, keys: Sequence[str], interval: float, changes: Mapping | None = None):
-        """Load a vehicle file whose `keys` vary.
-
-        Raises:
-            ConfigError: for a vehicle that is no vessel, or a key that does not vary.
-        """
+        """Load a vehicle file whose `keys` vary."""
         substeps = max(1, int(np.ceil(interval / STEP - 1e-9)))
         model = load_vehicle(vehicle, interval / substeps, substeps, **dict(changes or {}))
         if not isinstance(model, Vessel):
@@ -199,10 +191,6 @@ def check_against(simulator: WindowSimulator, logs: Sequence[Log], windows: Sequ
     """Compare windows, begun at the initial states `state` [window, 6], with their simulation by the file's numbers.
 
     A frame that is mirrored as a whole, or positions in other units, agree with themselves: only the commands tell.
-
-    Raises:
-        LogError: for a log whose vessel turns or goes against its commands, or as if they were exchanged, or far from
-            as much as they drive it.
     """
     n, lead = len(windows), lead_steps(simulator.interval)
     across = np.array([1.0, 1.0, 1.0, 1.0, -1.0, -1.0]) * state[:, [1, 0, 2, 3, 4, 5]]

@@ -26,9 +26,6 @@ def completed(
     """Return the database with `by_panels` and `memory`, and the errors of the fit.
 
     It needs a Taichi program of f64.
-
-    Raises:
-        FitError: see fit_memory.
     """
     fit = fit_memory(
         database.omega, database.added_mass, database.damping, database.added_mass_inf, energy,

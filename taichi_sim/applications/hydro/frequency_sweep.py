@@ -86,11 +86,7 @@ class Loads(NamedTuple):
 
 
 def require_capytaine() -> str:
-    """Return name and version of capytaine.
-
-    Raises:
-        MissingExtraError: if it is not installed.
-    """
+    """Return name and version of capytaine."""
     with needs("capytaine", "bem"):
         import capytaine
     return f"capytaine {capytaine.__version__}"

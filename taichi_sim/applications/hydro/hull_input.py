@@ -50,11 +50,7 @@ def is_vehicle(name: str) -> bool:
 
 
 def vehicle_path(name: str) -> Path:
-    """Path of a vehicle file, given by its path or, if it is shipped, by its name.
-
-    Raises:
-        ConfigError: if there is no such file.
-    """
+    """Path of a vehicle file, given by its path or, if it is shipped, by its name."""
     if Path(name).suffix == ".toml" and Path(name).is_file():
         return Path(name)
     folder = config_folder() / "vehicles"
@@ -66,11 +62,7 @@ def vehicle_path(name: str) -> Path:
 
 
 def of_vehicle(file: Path) -> tuple[FloatingHull, float]:
-    """Read the hull of a vehicle file; also return its length, m.
-
-    Raises:
-        ConfigError: for another model, or a wrong section; the message names file and key.
-    """
+    """Read the hull of a vehicle file; also return its length, m."""
     data = read_toml(file)
     if data.get("model") != MODEL:
         raise ConfigError(f"{file}: model = {data.get('model')!r}: only {MODEL} has a hull of panels")
@@ -90,9 +82,6 @@ def read_mesh(path: Path, unit: str, waterline: float, midships: float | None, l
     """Read the wetted surface of a mesh file and move it to CO.
 
     `waterline` and `midships` are z and x of CO in the mesh (m); without `midships`, the middle of the mesh.
-
-    Raises:
-        ConfigError: if the file cannot be read, or is no hull (mesh_file.py, mesh_check.py).
     """
     panels, planes = mesh_file.read(path, unit)
     if X in planes and midships:  # the plane of symmetry is not CO's
@@ -137,11 +126,7 @@ def of_mesh(
 
 
 def check_floating(craft: FloatingHull, surface: WettedSurface, rho: float, g: float) -> list[str]:
-    """Return messages about mass, displacement and stability.
-
-    Raises:
-        ConfigError: if the hull is heavier than its displacement up to the deck, or not stable upright.
-    """
+    """Return messages about mass, displacement and stability."""
     displaced, whole = rho * surface.volume, rho * Hydrostatics(craft.panels, craft.mass, craft.cg).volume_below_deck
     if craft.mass >= whole:
         raise ConfigError(

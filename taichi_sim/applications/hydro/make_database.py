@@ -133,7 +133,6 @@ def plan(craft: FloatingHull, mesh: WettedSurface | None, wishes: Wishes) -> Pla
     """Prepare the database of a hull on its own panels, or on `mesh`, and print what is known of it.
 
     Raises:
-        ConfigError: if the hull does not float, the mesh is of another hull or too large, or --range misses a
         resonance.
     """
     surface, size = _surface(craft, mesh, wishes)

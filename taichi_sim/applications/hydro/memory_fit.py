@@ -97,11 +97,7 @@ class MemorySearch:
         self.own = np.sqrt(more[:, self.upper[0]] * more[:, self.upper[1]])
 
     def run(self, energy: float, tell: Tell) -> tuple[Memory, Array, list[Pair]]:
-        """Return memory, A_inf and errors with the fewest masses that miss at most `energy`.
-
-        Raises:
-            FitError: if more than POOR times that is missing with MOST masses.
-        """
+        """Return memory, A_inf and errors with the fewest masses that miss at most `energy`."""
         if not self.B.any():
             return Memory.none(), self.A_inf, []
         pairs: list[Pair] = []
@@ -284,11 +280,7 @@ class MemoryFit(NamedTuple):
 
 
 def check_passive(omega: Array, B: Array) -> None:
-    """Refuse damping [n, 6, 6] that adds energy.
-
-    Raises:
-        FitError: naming the frequency and the pair of modes.
-    """
+    """Refuse damping [n, 6, 6] that adds energy."""
     size = np.sqrt(np.maximum(np.einsum("nii->ni", B).max(axis=0), 1e-12 * np.abs(B).max()))
     normal = B / size[:, None] / size
     values, vectors = np.linalg.eigh((normal + normal.transpose(0, 2, 1)) / 2)
@@ -309,9 +301,6 @@ def fit_memory(
 
     `resonances` holds the natural frequencies (rad/s) of modes that have one. Damping alone limits the response there,
     so it has more weight.
-
-    Raises:
-        FitError: if the damping is not passive, or more than POOR times `energy` is missing with MOST masses.
     """
     A, B, A_inf = ((x + x.swapaxes(-1, -2)) / 2 for x in (A, B, A_inf))
     check_passive(omega, B)

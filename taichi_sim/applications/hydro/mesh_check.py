@@ -70,9 +70,6 @@ def checked(mesh: Polygons, name: str, length: float | None) -> WettedSurface:
 
     For a mesh whose port and starboard are alike, it is the port half. `length` (m) is the vehicle's, to find a wrong
     unit.
-
-    Raises:
-        ConfigError: if the mesh is no single closed skin about y = 0, in metres; the message says what it is.
     """
     panels = mesh.panels
     size = float(np.ptp(panels.reshape(-1, 3), axis=0).max())

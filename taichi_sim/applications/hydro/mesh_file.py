@@ -50,12 +50,7 @@ class Polygons(NamedTuple):
 
 
 def read(path: Path, unit: str = "m") -> Polygons:
-    """Read the panels of a file, in m.
-
-    Raises:
-        ConfigError: if the file cannot be read, is not whole or has no surface; the message names it.
-        MissingExtraError: if meshio is needed and not installed.
-    """
+    """Read the panels of a file, in m."""
     drawing = path.suffix.lower() in DRAWINGS
     refuse(
         ConfigError,

@@ -85,11 +85,7 @@ class Flow(NamedTuple):
 
 
 def added_mass(flow: Flow, form: HullForm, rho: float, name: str) -> tuple[Array, list[str]]:
-    """Added mass [6, 6] for manoeuvring, and messages.
-
-    Raises:
-        ConfigError: if it is not symmetric or not positive definite.
-    """
+    """Added mass [6, 6] for manoeuvring, and messages."""
     A, told = flow.slow.copy(), []
     d = np.sqrt(np.abs(np.diag(A)))
     off = float((np.abs(A - A.T) / np.maximum(np.outer(d, d), TINY)).max())

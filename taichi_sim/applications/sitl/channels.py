@@ -51,11 +51,7 @@ def changes_for(model: Vehicle) -> Changes:
 
 
 def default_channels(model: Vehicle) -> dict[str, int]:
-    """Default channels: control -> channel, negative if a high pulse width gives a negative control.
-
-    Raises:
-        ConfigError: for a vehicle that an autopilot cannot drive.
-    """
+    """Default channels: control -> channel, negative if a high pulse width gives a negative control."""
     if isinstance(model, Vessel):
         if model.action_names == ("left", "right"):
             return {"left": 1, "right": 3}
@@ -70,11 +66,7 @@ def default_channels(model: Vehicle) -> dict[str, int]:
 
 
 def read_channels(text: str, model: Vehicle) -> dict[str, int]:
-    """Channels from NAME=CHANNEL,... in `text`, over the defaults; -CHANNEL reverses the control.
-
-    Raises:
-        ConfigError: for an unknown control or channel.
-    """
+    """Channels from NAME=CHANNEL,... in `text`, over the defaults; -CHANNEL reverses the control."""
     found = default_channels(model)
     for part in text.split(","):
         match = re.fullmatch(r"\s*(\w+)\s*=\s*(-?\d+)\s*", part)

@@ -93,9 +93,6 @@ class Craft(Driven):
         """Load a vehicle file or name, with `changes` of its keys and the initial `heading` (rad).
 
         `channels` and `pwm` are explained in channels.py.
-
-        Raises:
-            ConfigError: for a vehicle that cannot be loaded, or that an autopilot cannot drive.
         """
         super().__init__()
         self.vehicle, self.changes = vehicle, dict(changes or {})

@@ -53,11 +53,7 @@ class LockstepWorld(World):
     """
 
     def __init__(self, config: WorldConfig, num_envs: int = 1, *, direct: Sequence[str] = (), rate: float, **options):
-        """Build a world (see `World`), whose teams `direct` take their actuators as actions.
-
-        Raises:
-            ConfigError: as `World`.
-        """
+        """Build a world (see `World`), whose teams `direct` take their actuators as actions."""
         parts = max(1, math.ceil(config.decision_interval * rate - ROUNDING))
         step = config.decision_interval / parts
         given: dict[str, object] = {"dt": None if config.dt is None or config.dt > step else config.dt}
@@ -123,11 +119,7 @@ class Aboard(Driven):
     def __init__(
         self, world: LockstepWorld, team: str, number: int, carrier: tuple[str, int] | None = None, env: int = 0
     ):
-        """Let vehicle `number` of a team begin where it is, or on the deck of the vessel `carrier` (team, number).
-
-        Raises:
-            ConfigError: for a vehicle that an autopilot cannot drive.
-        """
+        """Let vehicle `number` of a team begin where it is, or on the deck of the vessel `carrier` (team, number)."""
         super().__init__()
         self.world, self.team, self.number, self.carrier, self.env = world, team, number, carrier, env
         self.model = self.fleet.model
@@ -267,9 +259,6 @@ class Station:
             world: the world, which then waits for them. decks: vehicle -> vessel on whose deck it begins.
             address: to listen on. timeout: s of silence after which `SilentError` is raised; 0: never. tell: takes
             lines for the terminal. clock: s.
-
-        Raises:
-            ConfigError: for a port that is taken, or a vehicle that an autopilot cannot drive.
         """
         self.address, self.timeout, self.tell, self.clock = address, timeout, tell, clock
         self.sessions: list[Session[Aboard]] = []
@@ -308,11 +297,7 @@ class Station:
         return f"{where} (has not come)" if session.last is None else where
 
     def wait(self) -> None:
-        """Answer frames that are over, and return when every autopilot has sent one that is not.
-
-        Raises:
-            SilentError: if one has been silent for longer than the timeout.
-        """
+        """Answer frames that are over, and return when every autopilot has sent one that is not."""
         for session in self.sessions:
             if session.answer is None and session.craft.ready:
                 self._send(session, session.complete())

@@ -45,11 +45,7 @@ VEHICLE_TYPES = {"water": 11, "air": 1}  # MAV_TYPE of a boat, of a fixed wing
 
 
 def mavlink() -> Any:
-    """The MAVLink 2 dialect `common` of pymavlink.
-
-    Raises:
-        MissingExtraError: if pymavlink is not installed.
-    """
+    """The MAVLink 2 dialect `common` of pymavlink."""
     with needs("pymavlink", "px4"):
         from pymavlink.dialects.v20 import common
     return common
@@ -59,11 +55,7 @@ class Px4Session:
     """A craft and the PX4 that drives it."""
 
     def __init__(self, craft: Craft, seed: int = 0):
-        """Start without a peer; `seed` is of the sensors' noise.
-
-        Raises:
-            MissingExtraError: if pymavlink is not installed.
-        """
+        """Start without a peer; `seed` is of the sensors' noise."""
         self.craft, self.counts, self.seed = craft, Counts(), seed
         self.seen: list[Callable[[Servos, Sensors], None]] = []  # called after each new frame
         self.last: Servos | None = None  # outputs of the last frame

@@ -78,12 +78,7 @@ class Track(NamedTuple):
 
 
 def vessel_of(setting: Setting) -> Vessel:
-    """The model, with a step that suits its length.
-
-    Raises:
-        ConfigError: for a vehicle that cannot be loaded.
-        TrialError: for a vehicle that is not a vessel.
-    """
+    """The model, with a step that suits its length."""
     first = load_vehicle(setting.vehicle, 1e-3, 1, **setting.changes)
     if not isinstance(first, Vessel):
         raise TrialError(f"{setting.vehicle}: it is not a vessel")
@@ -224,9 +219,6 @@ class Basin:
 
         In calm water the vessel is kept on its course as by rails, because an unstable vessel has no other straight
         run. In wind and waves a helmsman keeps the course.
-
-        Raises:
-            TrialError: if the vessel does not get under way, or never becomes steady.
         """
         setting, state = self.setting, self.bench.state
         ahead = np.full(self.envs, setting.ahead) if ahead is None else ahead

@@ -115,11 +115,7 @@ def draw(p: MultirotorParams, gamma: float, title: str, file: Path) -> None:
 
 
 def report(name: str, p: MultirotorParams, airspeed: float | None, climb_deg: float, out: Path | None) -> str:
-    """Text with all tables; the figure is written to `out`.
-
-    Raises:
-        ConfigError: if the multirotor cannot fly at the airspeed of the modes.
-    """
+    """Text with all tables; the figure is written to `out`."""
     gamma, speed = math.radians(climb_deg), airspeed or 0.0
     if not math.isfinite(speed) or speed < 0:
         raise ConfigError(f"--airspeed {speed:g}: must not be negative")

@@ -74,11 +74,7 @@ def _at(t: Array, values: Array, when: float) -> float:
 
 
 def helm_share(basin: Basin, angle: float) -> float:
-    """Share of full helm for an `angle` (rad) of helm.
-
-    Raises:
-        TrialError: for more than full helm.
-    """
+    """Share of full helm for an `angle` (rad) of helm."""
     most = basin.model.helm_max or SHIP_HELM
     if angle > most * (1 + 1e-9):
         raise TrialError(
@@ -88,11 +84,7 @@ def helm_share(basin: Basin, angle: float) -> float:
 
 
 def turning_circle(setting: Setting) -> Outcome:
-    """Full turns to either side under held helm (`setting.helm` is the share of full helm).
-
-    Raises:
-        TrialError: for a vessel that does not turn.
-    """
+    """Full turns to either side under held helm (`setting.helm` is the share of full helm)."""
     out = Outcome("turning", "Turning circle", panels=(TRACK, Panel("Speed", "t s", "speed m/s")))
     basin = Basin(setting, len(SIDES))
     approach = basin.approach()
@@ -141,9 +133,6 @@ def zigzag(setting: Setting, helm_deg: float, heading_deg: float) -> Outcome:
 
     Helm is reversed whenever the heading has changed by `heading_deg` to the side of the helm. Overshoot k is the
     change of heading after reversal k. Track reach and times count from the first order.
-
-    Raises:
-        TrialError: for a helm beyond full helm, or a vessel that never reaches the heading.
     """
     kind = f"{helm_deg:g}/{heading_deg:g}"
     name = f"zigzag{helm_deg:g}_{heading_deg:g}"
@@ -308,11 +297,7 @@ def pull_out(setting: Setting) -> Outcome:
 
 
 def crash_stop(setting: Setting) -> Outcome:
-    """Full astern from the approach until the vessel is dead in the water.
-
-    Raises:
-        TrialError: for a vessel that cannot push astern, or does not stop.
-    """
+    """Full astern from the approach until the vessel is dead in the water."""
     out = Outcome("stop", "Crash stop", panels=(TRACK, Panel("Speed", "t s", "u m/s")))
     basin = Basin(setting, 1)
     if not basin.model.backs:
@@ -372,9 +357,6 @@ def roll_decay(setting: Setting) -> Outcome:
     """Free roll from rest at a heel of 10 degrees.
 
     The period is the mean between maxima; the damping ratio is that of their logarithmic decrement.
-
-    Raises:
-        TrialError: for a hull without a roll of its own, or one that does not oscillate.
     """
     out = Outcome("roll", "Roll decay", panels=(Panel("Roll", "t s", "roll deg"),))
     basin = Basin(replace(setting, sea=None, air=None, runs=1), 1)

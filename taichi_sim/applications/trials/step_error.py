@@ -69,11 +69,7 @@ def surroundings_of(model: Vehicle) -> tuple[SeaConfig | None, AirConfig]:
 
 
 def motion(setting: StepSetting, dt: float) -> Array:
-    """Velocities u, v, w, p, q, r and position of each realisation at the end of each action [n, env, 9].
-
-    Raises:
-        ConfigError: for a vehicle that cannot be used, or a step that it refuses.
-    """
+    """Velocities u, v, w, p, q, r and position of each realisation at the end of each action [n, env, 9]."""
     model = load_vehicle(setting.vehicle, dt, round(INTERVAL / dt), **setting.changes)
     sea, air = (None, None) if setting.calm else surroundings_of(model)
     bench = Bench(model, sea=sea, air=air, envs=setting.envs, seed=setting.seed)
@@ -91,19 +87,12 @@ def motion(setting: StepSetting, dt: float) -> Array:
 def errors(setting: StepSetting, steps: Sequence[float], fine: float) -> list[StepError]:
     """Errors at `steps` (s), each a whole part of INTERVAL, against the step `fine` (s); without steps that the model
     refuses.
-
-    Raises:
-        ConfigError: for a vehicle that cannot be used, or one that does not move.
     """
     return errors_of(partial(motion, setting), steps, fine, setting.vehicle)
 
 
 def errors_of(moved: Callable[[float], Array], steps: Sequence[float], fine: float, name: str) -> list[StepError]:
-    """Errors of any simulator, whose `motion` with a step (s) is `moved`; see `errors`.
-
-    Raises:
-        TrialError: if what is `name`d does not move.
-    """
+    """Errors of any simulator, whose `motion` with a step (s) is `moved`; see `errors`."""
     exact = moved(fine)
     deviation = exact[..., :6].std(axis=(0, 1))
     lively = deviation > LIVELY

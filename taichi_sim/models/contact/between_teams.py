@@ -133,11 +133,7 @@ class Contacts(Remembers):
     # -- a step ----------------------------------------------------------------------------------------------------
 
     def begin(self) -> dict[str, Tensor]:
-        """Add the loads of vehicles on decks to the carriers' loads; return the loads without them, for `meet`.
-
-        Raises:
-            PlacementError: for a vehicle that was placed inside a deck.
-        """
+        """Add the loads of vehicles on decks to the carriers' loads; return the loads without them, for `meet`."""
         if self.placed is not None and bool(self.placed.any()):
             self._check_starts(self.placed.nonzero().flatten())
             self.placed.zero_()

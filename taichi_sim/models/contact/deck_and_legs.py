@@ -103,9 +103,6 @@ class Legs(Strict):
     def steps(self, dt: float, mass: float, cg: tuple[float, float, float], inertia: NDArray[np.float64]) -> int:
         """Number of contact steps in a physics step `dt` (s) that resolve the stiffest motion of a body (arguments as
         in `rates`).
-
-        Raises:
-            ConfigError: if more than `MOST_STEPS` would be needed; it names the dt that works.
         """
         frequency, decay = self.rates(mass, cg, inertia)
         longest = min(LONGEST_STEP, PHASE / frequency, DECAY / decay if decay > 0 else math.inf)

@@ -244,11 +244,7 @@ class Manoeuvring3dof(Vessel):
     free_step = True
 
     def __init__(self, params: Manoeuvring3dofParams, dt: float, substeps: int):
-        """Take `params`, the step dt (s) and the number of substeps in a control step.
-
-        Raises:
-            ConfigError: if dt is too large for a stable RK4.
-        """
+        """Take `params`, the step dt (s) and the number of substeps in a control step."""
         super().__init__(params, dt, substeps)
         if not dt <= params.largest_dt:
             raise UnstableStepError(

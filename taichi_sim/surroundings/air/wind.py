@@ -142,9 +142,6 @@ def mean_wind(config: AirConfig) -> tuple[float, float]:
 
     For a time series they are those of its mean velocity. This wind sets the roughness of the sea, and the size of a
     sea that follows the wind.
-
-    Raises:
-        ConfigError: for a series that cannot be read.
     """
     if config.series is not None:
         return mean_of(config.series, blows_from=True)

@@ -66,9 +66,6 @@ class Current(Remembers):
             num_envs: number of environments.
             seed: seed of the run.
             depth: depth of the water, m; None for deep water. A power profile needs it.
-
-        Raises:
-            ConfigError: for a power profile in deep water.
         """
         run = runtime.current()
         self.config, self.depth = config or CurrentConfig(), depth
@@ -124,11 +121,7 @@ class Current(Remembers):
             torch.add(self._mean, self._variation.value, out=self.velocity)
 
     def mean_factor(self, draft: float) -> float:
-        """Ratio of the mean current over depths 0 to `draft` (m) to the current at the surface.
-
-        Raises:
-            ConfigError: if the draft exceeds the depth of a power profile.
-        """
+        """Ratio of the mean current over depths 0 to `draft` (m) to the current at the surface."""
         if self.config.profile == "uniform" or draft == 0:
             return 1.0
         assert self.depth is not None

@@ -65,11 +65,7 @@ class Kinematics(NamedTuple):
 
 
 def realised_systems(config: SeaConfig) -> list[Sequence[System]]:
-    """Wave systems of each realisation; those of a measured sea take its records in turn.
-
-    Raises:
-        ConfigError: for a measured spectrum that cannot be read.
-    """
+    """Wave systems of each realisation; those of a measured sea take its records in turn."""
     if not config.measured:
         return [wave_systems(config)] * config.realisations
     each = [wave_systems(config, record=record) for record in records_of(config)]
@@ -118,9 +114,6 @@ class Sea:
         Args:
             components: arrays [sea, component].
             depth: depth of the water, m; None for deep water.
-
-        Raises:
-            SteepSeaError: if the sum of k a coth(k depth) of any realisation is 1 or more.
         """
         run = runtime.current()
         self.depth = depth
@@ -156,11 +149,7 @@ class Sea:
 
     @classmethod
     def from_config(cls, config: SeaConfig, seed: int) -> "Sea":
-        """Draw the sea of a configuration from `seed`; hs = 0 is a calm sea.
-
-        Raises:
-            SteepSeaError: if any realisation could loop.
-        """
+        """Draw the sea of a configuration from `seed`; hs = 0 is a calm sea."""
         random = config.amplitudes == "random"
         systems = realised_systems(config)
         return cls(draw_components(systems, seed=seed, depth=config.depth, random_amplitudes=random), config.depth)

@@ -48,7 +48,6 @@ def check_film(
     """Check the arguments of `write_film`, and `teams` if known, for `columns` episodes side by side; return the path.
 
     Raises:
-        FilmError: for an unknown suffix or view, numbers out of range, or a missing extra.
         OSError: if the folder does not exist.
     """
     path = Path(path)
@@ -97,7 +96,6 @@ def write_film(
         show_progress: whether to print progress.
 
     Raises:
-        FilmError: for an unknown suffix or view, numbers out of range, or a missing extra.
         OSError: for a folder that does not exist, or a full disk. Nothing is written then.
     """
     episodes = {"": episode} if isinstance(episode, Episode) else episode

@@ -161,10 +161,6 @@ class FixedWing6DOF(Aircraft):
 
         `design` is the nominal aircraft, for which trim and autopilot are computed; default `params`. A model with
         other `params` then flies like an aircraft of `design` whose parameters `Fleet.set_numbers` has changed.
-
-        Raises:
-            ConfigError: if the nominal aircraft cannot trim at its cruising airspeed, its autopilot's settings cannot
-                be flown, or dt is too long for its modes.
         """
         super().__init__(params, dt, substeps)
         self.p, plan = params, design or params

@@ -42,11 +42,7 @@ BISECTIONS = 7
 
 
 def speed_range(p: FixedWingParams, pilot: AutopilotParams) -> tuple[float, float, float]:
-    """Least, cruise and largest airspeed (m/s) that can be demanded.
-
-    Raises:
-        ConfigError: if cruise is slower than the least airspeed, or the least airspeed slower than the stall.
-    """
+    """Least, cruise and largest airspeed (m/s) that can be demanded."""
     stall, cruise = stall_airspeed(p), p.envelope.airspeed
     slowest = min(STALL_SPEED_FACTOR * stall, cruise)
     least = pilot.min_airspeed or -_largest(lambda x: trim(p, -x), -cruise, -slowest)
@@ -69,11 +65,7 @@ def stall_airspeed(p: FixedWingParams) -> float:
 
 
 def limits(p: FixedWingParams, pilot: AutopilotParams) -> AutopilotLimits:
-    """Limits within which the autopilot keeps the aircraft.
-
-    Raises:
-        ConfigError: for a bank beyond the limit load factor, or an empty range of airspeeds.
-    """
+    """Limits within which the autopilot keeps the aircraft."""
     bank, lon, body = math.radians(pilot.max_bank_deg), p.longitudinal, p.physical
     if 1 / math.cos(bank) > p.envelope.n_max:
         raise ConfigError(

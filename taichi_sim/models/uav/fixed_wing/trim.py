@@ -102,10 +102,6 @@ def trim(
 
     There is no sideslip, except for an aircraft without rudder. Six accelerations are zero; the unknowns are alpha,
     phi, elevator, throttle, aileron, and rudder (or beta).
-
-    Raises:
-        TrimError: if there is no such flight within the limits, whose names the message has; for both a radius and a
-            rate, a radius of zero, or an airspeed that is not positive.
     """
     numbers = not np.isnan(turn_radius or 0.0) and np.isfinite(turn_rate or 0.0)
     refuse(

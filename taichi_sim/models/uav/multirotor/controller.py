@@ -94,11 +94,7 @@ def effectiveness(craft: MultirotorParams) -> np.ndarray:
 
 @cache
 def allocation(craft: MultirotorParams) -> RotorAllocation:
-    """The allocation of a vehicle file's rotors.
-
-    Raises:
-        ConfigError: for rotors that cannot lift the weight, cannot turn about an axis, or would have to push down.
-    """
+    """The allocation of a vehicle file's rotors."""
     weight, rotor = craft.physical.mass * GRAVITY, craft.rotor
     greatest = rotor.k_f * rotor.omega_max**2
     ratio = sum(mount.gain for mount in craft.rotors) * greatest / weight
@@ -336,11 +332,7 @@ def gains(craft: MultirotorParams, dt: float) -> ControllerGains:
 
 
 def demands(craft: MultirotorParams, a: RotorAllocation) -> Demands:
-    """The speeds and rates that an action of 1 commands, and the limits of the commands.
-
-    Raises:
-        ConfigError: if the speed exceeds the envelope, or the rotors' thrust is too small.
-    """
+    """The speeds and rates that an action of 1 commands, and the limits of the commands."""
     c, most = craft.control, CLIMB_SHARE * a.thrust_to_weight
     if c.speed > craft.envelope.max_airspeed:
         raise ConfigError(

@@ -82,10 +82,6 @@ class Multirotor6DOF(Vehicle):
 
         `design` is the nominal aircraft, for which the controller is computed; default `params`. A model with other
         `params` then flies like an aircraft of `design` whose parameters `Fleet.set_numbers` has changed.
-
-        Raises:
-            ConfigError: for rotors that cannot lift or turn the aircraft, an envelope beyond them, or a dt that is too
-                long.
         """
         super().__init__(params, dt, substeps)
         self.p = params

@@ -209,11 +209,7 @@ _begin = runtime.Launcher(begin_flight)
 def trim(
     craft: MultirotorParams, velocity_n=(0.0, 0.0, 0.0), wind=(0.0, 0.0, 0.0), heading: float = 0.0
 ) -> MultirotorTrim:
-    """Steady flight over ground at velocity_n (NED, m/s) in a steady `wind` (NED, m/s), the nose at `heading` (rad).
-
-    Raises:
-        TrimError: if the rotors cannot give it.
-    """
+    """Steady flight over ground at velocity_n (NED, m/s) in a steady `wind` (NED, m/s), the nose at `heading` (rad)."""
     ground, blown = (np.asarray(x, dtype=np.float64) for x in (velocity_n, wind))
     air = np.array([[*(ground - blown), math.cos(heading), math.sin(heading)]])
     out = np.empty((1, SPEEDS + len(craft.rotors)))

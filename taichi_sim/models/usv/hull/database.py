@@ -160,11 +160,7 @@ class HydroDatabase:
 
     @classmethod
     def read(cls, path: Path) -> "HydroDatabase":
-        """Read the database in a file.
-
-        Raises:
-            ConfigError: if the file is unreadable or incomplete; the message names file and key.
-        """
+        """Read the database in a file."""
         try:
             data = json.loads(Path(path).read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:

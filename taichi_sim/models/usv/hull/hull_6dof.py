@@ -117,11 +117,7 @@ class Hull6Dof(Vessel):
     free_step = True
 
     def __init__(self, params: Hull6DofParams, dt: float, substeps: int):
-        """Mesh the hull; check that it floats and that dt (s) is stable.
-
-        Raises:
-            ConfigError: if the hull does not float upright, its database cannot be used, or dt is too large.
-        """
+        """Mesh the hull; check that it floats and that dt (s) is stable."""
         super().__init__(params, dt, substeps)
         body = params.rigid_body
         self.deck, self.by_panels = params.deck, params.restoring == "panels"
@@ -160,11 +156,7 @@ class Hull6Dof(Vessel):
         self._float, self._label = runtime.Launcher(motion.float_on_waves), runtime.Launcher(motion.find_label)
 
     def _check_sizes(self) -> None:
-        """Refuse sizes of the file that are not those of its panels, with which wind, thrusters and collisions count.
-
-        Raises:
-            ConfigError: naming the key.
-        """
+        """Refuse sizes of the file that are not those of its panels: wind, thrusters and collisions count with them."""
         p, corners = self.params, self.geometry.panels.corners.reshape(-1, 3)
         length, beam = np.ptp(corners, axis=0)[:2]
         half = math.hypot(length, beam) / 2
@@ -324,9 +316,6 @@ class Hull6Dof(Vessel):
     def tables(self, around: Surroundings | None = None, dt: float | None = None) -> ArgPack:
         """Return the hull's TablesPack for steps of `dt` (s; default: the model's), the same object in every step in
         the sea of `around`; without a sea, without diffraction.
-
-        Raises:
-            ConfigError: if the hydrodynamic database is for another depth of water.
         """
         if self._generation != runtime.generation():
             self._tables, self._generation = {}, runtime.generation()

@@ -346,11 +346,7 @@ class Radiation:
         return laned(device_table(np.zeros(1)))
 
     def sea(self, around: Surroundings) -> Tensor | None:
-        """Return the sea that `tables` depend on; None if they are the same for any sea.
-
-        Raises:
-            ConfigError: if the database is for another depth of water.
-        """
+        """Return the sea that `tables` depend on; None if they are the same for any sea."""
         return None
 
     def tables(self, sea: Tensor | None) -> Mapping[str, Tensor]:
@@ -413,11 +409,7 @@ class DatabaseRadiation(Radiation):
     """Radiation with memory, and diffraction, from a boundary-element database."""
 
     def __init__(self, params: Hull6DofParams, geometry: HullGeometry, dt: float, substeps: int, first: int):
-        """Read the database of `params`, for steps of `dt` (s); its columns in the auxiliary state begin at `first`.
-
-        Raises:
-            ConfigError: if the database is of another hull, or lacks a table that is needed.
-        """
+        """Read the database of `params`, for steps of `dt` (s); its columns in the auxiliary state begin at `first`."""
         h, file = params.hydrodynamics, Path(str(params.hydrodynamics.database))
         database, own = HydroDatabase.read(file), hull_hash(geometry.panels)
         if database.hull != own:
@@ -503,9 +495,6 @@ def radiation_of(params: Hull6DofParams, geometry: HullGeometry, dt: float, subs
     """Return the radiation model that a vehicle file selects; with linear restoring it is always the constant one.
 
     Arguments are those of DatabaseRadiation.
-
-    Raises:
-        ConfigError: for a database that cannot be used.
     """
     if params.restoring == "panels" and params.hydrodynamics.radiation == "memory":
         return DatabaseRadiation(params, geometry, dt, substeps, first)

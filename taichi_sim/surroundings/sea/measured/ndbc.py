@@ -65,11 +65,7 @@ def is_ndbc(path: Path) -> bool:
 
 
 def read_ndbc(path: Path) -> Gridded:
-    """Read the records of a set of files; `path` is any of them.
-
-    Raises:
-        ConfigError: for a file that is truncated or has another format.
-    """
+    """Read the records of a set of files; `path` is any of them."""
     parts = ndbc_set(path)
     density = read_part(parts.get("density", path))
     if "density" not in parts and parts:
@@ -110,11 +106,7 @@ def with_cut_off_returned(density: np.ndarray, digit: float, frequency: np.ndarr
 
 
 def read_part(path: Path) -> Part:
-    """Read one file of a set.
-
-    Raises:
-        ConfigError: for a file that is truncated or has another format; the message names file and line.
-    """
+    """Read one file of a set."""
     try:
         with _open(path) as file:
             text = file.read()

@@ -56,11 +56,7 @@ GOOD = (1, 2)  # CDIP's flags of records: good, not evaluated (3 questionable, 4
 
 
 def read_netcdf(path: Path) -> Gridded:
-    """Read the spectra of a file; xarray raises what it likes for a file that is none.
-
-    Raises:
-        ConfigError: for a file without a known spectrum, or one whose convention is not stated.
-    """
+    """Read the spectra of a file; xarray raises what it likes for a file that is none."""
     with needs("netCDF4", "waves"):
         import netCDF4  # noqa: F401
         import xarray

@@ -57,11 +57,7 @@ class SpectraFile:
     grid: np.ndarray | None = None
 
     def find(self, time: str | None) -> int:
-        """Index of the record of a time ("2020-06-08 03:50", UTC); without a time, of the latest record.
-
-        Raises:
-            ConfigError: for text that is not a time, or a time without a record (the message names the nearest).
-        """
+        """Index of the record of a time ("2020-06-08 03:50", UTC); without a time, of the latest record."""
         if time is None:
             return self.times.size - 1
         try:
@@ -99,10 +95,6 @@ class SpectraFile:
         """Return record t. The arguments give mean direction and cos^2s spreading to a record without directions.
 
         A band without directions takes those of the nearest band that has some.
-
-        Raises:
-            ConfigError: for a record with a missing density, without directions where none are given, or steeper than
-                any wave.
         """
         name, density = f"{self.place}, {_text(self.times[t])}", self.density[t]
         lacks, middles = ~np.isfinite(density), (self.edges[1:] + self.edges[:-1]) / 2
@@ -155,12 +147,7 @@ class SpectraFile:
 
 
 def open_spectra(path: Path, site: int | None = None) -> SpectraFile:
-    """Read a file of measured spectra; `site` is the index of a place in a file with several places.
-
-    Raises:
-        ConfigError: for a file that cannot be read, or a site that it does not have.
-        MissingExtraError: for netCDF, if its packages are not installed.
-    """
+    """Read a file of measured spectra; `site` is the index of a place in a file with several places."""
     if not path.is_file():
         raise ConfigError(f"sea.spectrum = {str(path)!r}: no such file")
     data, edges = checked(path, _read(path))
@@ -190,11 +177,7 @@ def _read(path: Path) -> Gridded:
 
 
 def records_of(config: SeaConfig) -> list[WaveRecord]:
-    """Records of a measured sea: one, or all of the file. Realisation r takes record r modulo their number.
-
-    Raises:
-        ConfigError: for a missing file, record or direction; the message names the file or the key.
-    """
+    """Records of a measured sea: one, or all of the file. Realisation r takes record r modulo their number."""
     given = config.model_fields_set
     direction = config.direction_deg if "direction_deg" in given else None
     spreading_s = config.spreading_s if "spreading_s" in given else None

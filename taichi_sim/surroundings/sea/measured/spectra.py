@@ -70,9 +70,6 @@ def of_energy(
 
     Negative energies that are larger than all others are marks of missing ones; others are lobes of a truncated Fourier
     series, and become 0.
-
-    Raises:
-        ConfigError: for directions that are not evenly spaced over the circle.
     """
     rising = np.argsort(frequency, kind="stable")
     frequency, energy = frequency[rising], energy[:, :, rising]
@@ -100,11 +97,7 @@ def within_a_turn(name: str, degrees: np.ndarray) -> None:
 
 
 def agreed(c1: np.ndarray, stated: np.ndarray, density: np.ndarray) -> None:
-    """Compare mean directions of travel of moments c1 [..] with those that a file states (deg), weighted by density.
-
-    Raises:
-        ConfigError: if they disagree: one of them has another convention.
-    """
+    """Compare mean directions of travel of moments c1 [..] with those that a file states (deg), weighted by density."""
     known = np.isfinite(c1) & np.isfinite(stated) & (density > 0) & (density < MOST)
     apart = density[known] * np.abs(c1[known]) * np.exp(1j * (np.angle(c1[known]) - np.deg2rad(stated[known])))
     if abs(apart.sum()) > 0.5 * np.abs(apart).sum() and apart.sum().real < abs(apart.sum()) * np.cos(AGREE):
@@ -116,11 +109,7 @@ AGREE = np.deg2rad(20.0)  # within which moments and stated directions agree
 
 
 def checked(path: Path, data: Gridded) -> tuple[Gridded, np.ndarray]:
-    """Spectra in the order of their times, with NaN for marks of missing values, and the edges of their bands [f + 1].
-
-    Raises:
-        ConfigError: for times that are none or are there twice, wrong frequencies, or moments of nothing.
-    """
+    """Spectra in the order of their times, NaN for marks of missing values, and the edges of their bands [f + 1]."""
     untimed = np.isnat(data.times)
     refuse(
         ConfigError,

@@ -34,11 +34,7 @@ def is_spotter(begin: str) -> bool:
 
 
 def read_spotter(path: Path) -> Gridded:
-    """Read the spectra of a file.
-
-    Raises:
-        ConfigError: for a file that lacks something or has another form.
-    """
+    """Read the spectra of a file."""
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     times, columns = _of_json(text) if text.lstrip().startswith(("{", "[")) else _of_csv(path)
     for name in ("f", "df"):

@@ -79,11 +79,7 @@ def number(text: str) -> float:
 
 
 def read_text(path: Path, begin: str) -> Gridded:
-    """Read the spectra of a text that begins with `begin`.
-
-    Raises:
-        ConfigError: for a text of another kind, or one that is cut short.
-    """
+    """Read the spectra of a text that begins with `begin`."""
     swan = begin.startswith("SWAN")
     if not swan and not begin.lstrip().startswith("'WAVEWATCH III SPECTRA'"):
         raise ConfigError(f"not known as a spectrum; known formats are {KNOWN}")

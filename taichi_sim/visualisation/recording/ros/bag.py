@@ -35,11 +35,7 @@ class BagError(UserError, ValueError):
 
 
 def check_bag(path: Path, *, folder: bool, origin: Origin = FJORD) -> None:
-    """Refuse a path that cannot be written, before an episode is simulated.
-
-    Raises:
-        BagError: for a missing package, a folder that does not exist, a path that is taken, or an impossible origin.
-    """
+    """Refuse a path that cannot be written, before an episode is simulated."""
     if missing := [name for name in PACKAGES if find_spec(name) is None]:
         raise BagError(f'{path}: bags need {" and ".join(missing)}: pip install "taichi-sim[ros]"')
     if not path.parent.is_dir():
@@ -59,7 +55,6 @@ def write_mcap(episode: Episode, file: Path, *, origin: Origin = FJORD, show_pro
     """Write `episode` as an MCAP file, which replaces an old one.
 
     Raises:
-        BagError: see `check_bag`.
         OSError: if the disk cannot take it.
     """
     check_bag(file, folder=False, origin=origin)
@@ -92,7 +87,6 @@ def write_rosbag2(episode: Episode, folder: Path, *, origin: Origin = FJORD, sho
     """Write `episode` as a rosbag2 folder, which must not exist yet, or be empty.
 
     Raises:
-        BagError: see `check_bag`.
         OSError: if the disk cannot take it.
     """
     check_bag(folder, folder=True, origin=origin)
