@@ -36,6 +36,7 @@ from rl.judge import Judge
 from rl.scenario import Scenario, derive_seed
 from rl.step import BEGINS, COLLIDED, DIVERGED, GOES_ON, Due, Endings, Step, VehicleActions
 from rl.team import Action, ControllerError, Policy, Team, refuse_moved
+from taichi_sim.config import ConfigError
 from taichi_sim.config.arguments import Envs, environments, names, whole_number
 from taichi_sim.config.base import number, span
 from taichi_sim.kernels import runtime
@@ -100,7 +101,7 @@ class Frame(NamedTuple):
 class Mission(Stateful, ABC, Generic[C, T]):
     """A mission in `num_envs` environments; see the module.
 
-    Class attributes: `Config`, the scenario class, derived from `Scenario`; `Teams`, name -> class of a team; `Team`,
+    Class attributes: `Config`, the scenario class, derived from `Scenario`; `Teams`, part -> class of a team; `Team`,
     that of all others; `Judge`, which measures its evaluation (rl/judge.py); `make_world`, its world.
 
     Attributes:
@@ -168,9 +169,23 @@ class Mission(Stateful, ABC, Generic[C, T]):
             _ = self.teams[name].controller
 
     def __init_subclass__(cls) -> None:
-        """Refuse a method that a team owns, or that has another name."""
+        """Refuse a method that a team owns, or that has another name, and classes of teams that the mission cannot use.
+
+        `Teams` of a class adds to that of its base.
+        """
         super().__init_subclass__()
         refuse_moved(cls, MOVED)
+        base = next(kind for kind in cls.__mro__[1:] if issubclass(kind, Mission))
+        own, fixed = cls.__dict__.get("Teams", {}), base.part.__func__ is not Mission.part.__func__
+        for key, kind in (*own.items(), *((None, kind) for kind in [cls.__dict__.get("Team")] if kind)):
+            named = f"{cls.__name__}.Team" if key is None else f"{cls.__name__}.Teams[{key!r}]"
+            if fixed and key not in base.Teams:
+                parts = ", ".join(map(repr, base.Teams))
+                raise TypeError(f"{named}: {base.__name__} has no such team; `Teams` has {parts}")
+            like = base.Teams.get(key, base.Team) if key else base.Team
+            if isinstance(like, type) and isinstance(kind, type) and not issubclass(kind, like):
+                raise TypeError(f"{named}: {kind.__name__} must derive from {like.__module__}.{like.__name__}")
+        cls.Teams = MappingProxyType({**base.Teams, **own})
 
     def __repr__(self) -> str:
         """Scenario, number of environments, time in the episodes, acting teams, sea."""
@@ -182,9 +197,32 @@ class Mission(Stateful, ABC, Generic[C, T]):
 
     # -- what a mission implements ---------------------------------------------------------------------------------
 
+    @classmethod
+    def part(cls, config: C, team: str) -> str:
+        """The key in `Teams` of a scenario's team. Default: its name."""
+        return team
+
+    @classmethod
+    def kinds(cls, config: C) -> dict[str, Callable[..., T]]:
+        """The class of each team that no script commands: of its part in `Teams`, or else `Team`.
+
+        Raises:
+            ConfigError: for one in `Teams` that the scenario has not.
+        """
+        parts = {name: cls.part(config, name) for name in config.teams if name not in config.scripted}
+        if cls.part.__func__ is not Mission.part.__func__:
+            parts = {name: part for name, part in parts.items() if part in cls.Teams}
+        elif unused := cls.Teams.keys() - parts.values():
+            raise ConfigError(
+                f"{cls.__name__}.Teams: {config.name} has no team {', '.join(map(repr, sorted(unused)))}; there are "
+                f"{', '.join(map(repr, parts))}"
+            )
+        return {name: cls.Teams.get(part, cls.Team) for name, part in parts.items()}  # pyright: ignore[reportReturnType]
+
     def make_teams(self, names: Sequence[str]) -> dict[str, T]:
-        """Make the teams `names`, whose fleets are in the world. Default: of its class in `Teams`, or a `Team`."""
-        return {name: self.Teams.get(name, self.Team)(self, name) for name in names}  # pyright: ignore[reportReturnType]
+        """Make the teams `names`, whose fleets are in the world. Default: of their `kinds`."""
+        kinds = self.kinds(self.config)
+        return {name: kinds[name](self, name) for name in names}
 
     def prepare(self) -> None:
         """Make what all episodes share (tracks, obstacles, starts), once, before the first `reset`."""

@@ -9,9 +9,9 @@ import itertools
 from collections.abc import Iterator
 from typing import Annotated, Literal, TypeVar
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, ConfigDict, Field
 
-from taichi_sim.config import ConfigError, NonNegative, Positive, Strict, WorldConfig
+from taichi_sim.config import ConfigError, NonNegative, Positive, Strict, TeamConfig, WorldConfig
 from taichi_sim.config.io import drop_ranges, set_values, validate
 from taichi_sim.config.plausible import Plausible
 from taichi_sim.config.vary import flattened
@@ -20,6 +20,27 @@ WHOLE = ("name", "seed", "mission", "stages", "evaluation")  # sections that are
 
 PRETRAINED = "pretrained"  # the policies that come with the package
 MOST_VEHICLES = 64  # of a team, among the random numbers of sensors
+
+
+class ObserveConfig(Strict):
+    """`[TEAM.observe]`: changes of what a team observes; every other key adds one, NAME = "module:function"."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, str] = Field(init=False)
+
+    without: tuple[str, ...] = ()  # observations of its class that are left out
+
+    @property
+    def added(self) -> dict[str, str]:
+        """Name -> module:function of each observation that is added."""
+        return dict(self.__pydantic_extra__ or {})
+
+
+class TeamSection(TeamConfig):
+    """One team of a mission."""
+
+    terms: dict[str, dict[str, object]] = {}  # its reward's terms: weight, numbers, function (rl/terms.py)
+    observe: ObserveConfig | None = None
 
 
 class PlanningConfig(Strict):
@@ -90,6 +111,8 @@ class Evaluation(Strict):
 class Scenario(WorldConfig):
     """A whole scenario: physics, mission, training, evaluation."""
 
+    __pydantic_extra__: dict[str, TeamSection] = Field(init=False)
+
     name: Annotated[str, Field(min_length=1)]  # pyright: ignore[reportGeneralTypeIssues] (no default here)
     mission: Annotated[str, Field(min_length=1)] = "formation"  # a name in rl/missions, or module:Class
     episode_duration: Annotated[float, Field(gt=0, le=100_000)] = 60.0  # s
@@ -124,6 +147,14 @@ class Scenario(WorldConfig):
         """Trained teams whose policies correct a classical controller: by the section `residual` (rl/guidance)."""
         found = {name: getattr(self.teams[name], "residual", None) for name in self.trained}
         return tuple(name for name, residual in found.items() if residual is not None and residual.velocity > 0)
+
+    @property
+    def functions(self) -> set[str]:
+        """The module:function of each term and observation that it adds, in its stages, too."""
+        scenarios = [self, *(at_stage(self, name) for name in self.stages)]
+        sections = [of for each in scenarios for of in each.teams.values() if isinstance(of, TeamSection)]
+        terms = {str(keys["function"]) for of in sections for keys in of.terms.values() if "function" in keys}
+        return terms.union(*(of.observe.added.values() for of in sections if of.observe))
 
     def first_number(self, team: str) -> int:
         """Number of a team's first vehicle among the counted random numbers of sensors."""

@@ -1,7 +1,7 @@
 """The contract of one team of a mission: its whole life.
 
-A mission names the class of its teams. It derives from `Team` and implements `observe` and `reward`; every other method
-has a default here. The mission calls, phase by phase (rl/mission.py), and the team answers:
+A mission names the class of its teams. It derives from `Team`, implements `observe`, and gives `terms` or implements
+`reward`; every other method has a default here. The mission calls, by phases (rl/mission.py), and the team answers:
 
     commanded   vehicle actions, of a policy's
     truth       errors and gaps of its vehicles, as they are
@@ -16,15 +16,16 @@ widths. A policy refuses observations other than those of its training, and name
 import math
 from collections.abc import Callable, Mapping
 from itertools import chain
+from pathlib import Path
 from typing import ClassVar, Generic, Protocol, TypeVar, cast
 
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from rl.scenario import Scenario
+from rl.scenario import Scenario, TeamSection
 from rl.step import COLLIDED, DIVERGED, Due, Endings, VehicleActions
-from taichi_sim.config import TeamConfig
+from rl.terms import Door, Paid, Term, added_observations, check_names, meaning, paid_terms
 from taichi_sim.config.arguments import checked_action
 from taichi_sim.errors import UserError
 from taichi_sim.fleet import Fleet
@@ -34,7 +35,7 @@ from taichi_sim.state.memory import Remembers
 from taichi_sim.vehicle import Vehicle
 from taichi_sim.world import World
 
-S = TypeVar("S", bound=TeamConfig)
+S = TypeVar("S", bound=TeamSection)
 
 Controller = Callable[..., Tensor]
 """A classical controller: what a team knows (`Team.known`) -> actions [env, vehicle, action] in [-1, 1]."""
@@ -61,6 +62,8 @@ class Host(Protocol):
 
     world: World
     num_envs: int
+    source: Path | None
+    """The scenario's file."""
     steps: Tensor
     """int64 [env], decisions since the episode began."""
     divergence: Divergence
@@ -75,7 +78,7 @@ MOVED = {
 }
 """Names that a team must not have, and what to write instead."""
 FLOATS = torch.float32, torch.float64
-OBSERVATION = "observation"
+OBSERVATION, REWARD, TERM = "observation", "the reward", "term."
 
 
 def refuse_moved(kind: type, moved: Mapping[str, str]) -> None:
@@ -90,15 +93,17 @@ class Team(Remembers, Generic[M, S]):
 
     Type parameters: what the team asks of its mission, and the class of its section of the scenario.
 
-    Class attributes: `logged`, the names that `log` returns; `meanings`, term of `observe` -> what it is, with unit and
-    scale, for users of the policy (`taichi-sim describe`).
+    Class attributes: `terms`, name -> reward term (rl/terms.py); `logged`, the names that `log` returns; `meanings`,
+    term of `observe` -> what it is, with unit and scale, for users of the policy (`taichi-sim describe`).
 
     Attributes:
         mission: the mission. name: of the team. section: the team's section of the scenario. fleet: the vehicles.
         action, previous_action: [env, vehicle, action] of the last two steps, zero at the start of an episode.
         ordered: velocity command [env, vehicle, axes] (NED, m/s) of the last step, where a policy corrects one.
+        paid_by: name -> reward term, as the scenario has it. parts: those of the last reward, weighted.
     """
 
+    terms: ClassVar[Mapping[str, Term]] = {}
     logged: ClassVar[tuple[str, ...]] = ()
     meanings: ClassVar[Mapping[str, str]] = {}
     ordered: Tensor | None = None
@@ -118,6 +123,29 @@ class Team(Remembers, Generic[M, S]):
         )
         self.previous_action = self.remember(self.action)
         self._controller: Controller | None = self.remember(None)
+        source = mission.source
+        self._door = Door(str(source or mission.config.name), [source.parent] if source else [], name)
+        self.paid_by: dict[str, Paid] = paid_terms(self.declared(mission.config), self.section, self._door)
+        self.added = added_observations(self.section, self._door)
+        self.parts: dict[str, Tensor] = self.scratch({})
+
+    @classmethod
+    def declared(cls, config: Scenario) -> Mapping[str, Term]:
+        """The reward terms of the class in a scenario. Default: `terms`."""
+        return cls.terms
+
+    @classmethod
+    def check_section(cls, config: Scenario, door: Door, acts: bool = True) -> None:
+        """Refuse changes of terms and observations in a section of a scenario that was read; any, if no policy `acts`.
+
+        Raises:
+            ConfigError: naming file and key.
+        """
+        section = cast(S, config.teams[door.team])
+        if not acts and (section.terms or section.observe):
+            raise door.refuse("terms" if section.terms else "observe", ": no policy acts for this team")
+        paid_terms(cls.declared(config), section, door)
+        added_observations(section, door)
 
     @property
     def steps(self) -> Tensor:
@@ -162,8 +190,14 @@ class Team(Remembers, Generic[M, S]):
         return torch.zeros_like(self.fleet.state[..., 0]) if left is None else -left
 
     def reward(self, ended: Endings) -> Tensor:
-        """Reward of each vehicle for the last step, by the truth, [env, vehicle]."""
-        raise NotImplementedError(f"{type(self).__name__}.reward")
+        """Reward of each vehicle for the last step, by the truth, [env, vehicle]. Default: the weighted sum of its
+        terms; one of weight 0 is not computed.
+        """
+        if not self.paid_by:
+            raise NotImplementedError(f"{type(self).__name__}.reward, or terms")
+        weighted = {name: paid.term.weight for name, paid in self.paid_by.items() if paid.term.weight}
+        self.parts = {name: weight * self.paid_by[name].of(self, ended) for name, weight in weighted.items()}
+        return sum(self.parts.values(), self.fleet.state.new_zeros(self.fleet.never.shape))
 
     def plan_cost(self, ended: Tensor) -> Tensor:
         """Cost [env, vehicle] of the last step for each vehicle, by which plans are compared (rl/planning).
@@ -176,6 +210,15 @@ class Team(Remembers, Generic[M, S]):
     def log(self, ended: Endings) -> dict[str, Tensor]:
         """Numbers of a step for the training's history, `logged`: name -> a scalar."""
         return {}
+
+    @property
+    def all_logged(self) -> tuple[str, ...]:
+        """The names of `logs`."""
+        return (*self.logged, *(f"{TERM}{name}" for name in self.paid_by))
+
+    def logs(self, ended: Endings) -> dict[str, Tensor]:
+        """`log`, and the mean part of each term in the last reward, weighted, under "term.NAME"."""
+        return self.log(ended) | {f"{TERM}{name}": part.mean() for name, part in self.parts.items()}
 
     def info(self) -> dict[str, Tensor]:
         """Entries of Gymnasium's info now, besides the endings: name -> [env, vehicle]."""
@@ -238,11 +281,42 @@ class Team(Remembers, Generic[M, S]):
             f"{rows[1]} vehicles"
         )
 
+    def check(self) -> None:
+        """Refuse terms and observations of the scenario's that do not fit, as episodes have just begun.
+
+        Raises:
+            ConfigError: naming file and key.
+        """
+        own = self.observe() if self.section.observe else {}
+        check_names(tuple(own), self.section, self._door)
+        for name, function in self.added.items():
+            self._fits(f"observe.{name}", function(self), "float [env, vehicle, n]", 3)
+        if not self.paid_by:
+            return
+        ended = self.ended()
+        for name, paid in self.paid_by.items():
+            if paid.term.weight:
+                self._fits(f"terms.{name}", paid.of(self, ended), "float [env, vehicle]", 2)
+        self.reward(ended)
+        if not self.parts and self.section.terms:
+            raise self._door.refuse("terms", f": {type(self).__name__}.reward does not use them")
+        if not self.parts:
+            self.paid_by = {}
+
+    def _fits(self, key: str, value: object, expected: str, axes: int) -> None:
+        """Refuse a value of another shape, or one that is not finite, of a term or an observation."""
+        try:
+            self._checked("term", value, expected, axes, *FLOATS)
+        except TypeError as error:
+            raise self._door.refuse(key, f": {error}") from None
+        if not bool(cast(Tensor, value).isfinite().all()):
+            raise self._door.refuse(key, ": it is not finite as an episode begins")
+
     def paid(self, ended: Endings) -> Tensor:
         """`reward`, finite."""
         reward = self.reward(ended)
         self._checked("reward()", reward, "float [env, vehicle]", 2, *FLOATS)
-        return self.finite(reward, "the reward")
+        return self.finite(reward, REWARD)
 
     def infos(self) -> dict[str, Tensor]:
         """`info`, finite."""
@@ -262,6 +336,8 @@ class Team(Remembers, Generic[M, S]):
         if what == OBSERVATION:
             column = int((~right).flatten(0, -2).any(0).nonzero()[0])
             what = f"{what} {self.observation_names[column].partition('.')[0]!r}"
+        if what == REWARD and (wrong := [name for name, part in self.parts.items() if not part.isfinite().all()]):
+            what = f"{what}'s term {wrong[0]!r}"
         self.mission.divergence.rest(~right.flatten(1).all(1), f"{what} of {self.name!r} is not finite")
         return torch.where(right, values, 0.0)
 
@@ -350,10 +426,22 @@ class Team(Remembers, Generic[M, S]):
 
     def observations_now(self) -> Tensor:
         """Compute `observations`, a fresh tensor."""
-        terms = self.observe()
+        terms = self.observed()
         for term, value in terms.items():
             self._checked(f"observe()[{term!r}]", value, "float [env, vehicle, n]", 3, *FLOATS)
         return torch.cat(list(terms.values()), dim=-1)
+
+    def observed(self) -> dict[str, Tensor]:
+        """The terms of `observe` with the scenario's changes: those left out, then those added."""
+        terms, changes = self.observe(), self.section.observe
+        if changes is None:
+            return terms
+        kept = {term: value for term, value in terms.items() if term not in changes.without}
+        return kept | {term: function(self) for term, function in self.added.items()}
+
+    def meaning_of(self, term: str) -> str:
+        """What an observation is, with unit and scale."""
+        return meaning(self.added[term]) if term in self.added else self.meanings.get(term, "of order one")
 
     @property
     def privileged(self) -> Tensor | None:
@@ -368,7 +456,7 @@ class Team(Remembers, Generic[M, S]):
     @property
     def layout(self) -> Mapping[str, int]:
         """Terms of the observations and their widths, in order."""
-        return {term: value.shape[-1] for term, value in self.observe().items()}
+        return {term: value.shape[-1] for term, value in self.observed().items()}
 
     @property
     def observation_names(self) -> tuple[str, ...]:

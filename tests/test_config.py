@@ -86,7 +86,7 @@ def test_zero_vehicles_are_refused(tmp_path):
     ("end", "key", "value", "suggestion"),
     [
         ("[sea]\ngama_js = 3.75\n", "sea.gama_js", "3.75", "gamma_js"),
-        ("[uav.tracking_reward]\nendng = 7.5\n", "uav.tracking_reward.endng", "7.5", "ending"),
+        ("[uav.terms.ending]\nwieght = 7.5\n", "uav.terms.ending.wieght", "7.5", "weight"),
         ("[stages.one]\nteam = 'usv'\nitrations = 41\n", "stages.one.itrations", "41", "iterations"),
         ("[[obstacles.fixed]]\nnorht = 41.5\n", "obstacles.fixed.0.norht", "41.5", "north"),
     ],

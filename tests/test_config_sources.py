@@ -90,7 +90,7 @@ def test_overrides_replace_values_of_every_type():
             'name="a b"',
             "reward='paper'",
             "stages.usv.hidden_dims=[8, 4]",
-            "usv.tracking_reward.coarse=2.5",
+            "usv.terms.coarse.weight=2.5",
             "obstacles.fixed=[{north=1, east=2, radius=3, height=4}]",
             "sea.hs=1.5",
         ],
@@ -100,11 +100,10 @@ def test_overrides_replace_values_of_every_type():
     assert config.teams["uav"].formation.shape == "astern"
     assert (config.name, config.reward) == ("a b", "paper")
     assert config.stages["usv"].hidden_dims == (8, 4)
-    assert config.teams["usv"].tracking_reward.coarse == 2.5
+    assert config.teams["usv"].terms == {"coarse": {"weight": 2.5}}
     assert config.obstacles.fixed[0].height == 4.0
     untouched = load_scenario("paper")
     assert config.teams["uav"].count == untouched.teams["uav"].count
-    assert config.teams["usv"].tracking_reward.fine == untouched.teams["usv"].tracking_reward.fine
 
 
 @pytest.mark.parametrize("text", ["usv.count", "=3", ".=3", "usv..count=3", ""])

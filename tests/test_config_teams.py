@@ -28,7 +28,7 @@ def test_every_section_with_a_vehicle_is_a_team_in_the_order_of_the_file(scenari
         ("[pilot]\ncount = 2\n", "pilot: unknown key (a team has a vehicle)"),
         ("[pilot]\nvehicl = 'unity_boat'\n", "pilot.vehicl = 'unity_boat': unknown key, did you mean 'vehicle'?"),
         (THIRD + "spacng = 5.0\n", "pilot.spacng = 5.0: unknown key, did you mean 'spacing'?"),
-        (THIRD + "tracking_reward.corse = 1.0\n", "pilot.tracking_reward.corse = 1.0: unknown key, did you mean 'coa"),
+        (THIRD + "terms.corse.weight = 1.0\n", "pilot.terms.corse = {'weight': 1.0}: unknown key, did you mean 'co"),
     ],
 )
 def test_a_slip_is_told_once_with_what_was_meant(scenario, end, said):

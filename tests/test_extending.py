@@ -39,6 +39,26 @@ def test_the_mission_is_trained_evaluated_recorded_and_judged_by_its_own_figures
     assert (folder / "run" / "episode.rrd").is_file()
 
 
+def test_a_shipped_mission_is_changed_by_sections_and_by_classes(folder):
+    from rl.evaluation.episodes import judge_episodes
+    from rl.learn.policy import ClassicalPolicy
+    from rl.missions import load_scenario
+    from taichi_sim.config.io import find_config
+
+    shipped = find_config("otter").read_text(encoding="utf-8")
+    end = (folder / "quiet_terms.toml").read_text(encoding="utf-8")
+    (folder / "quiet.toml").write_text('mission = "quiet:Quiet"\n' + shipped + end, encoding="utf-8")
+    told = printed("rl.commands.describe", "quiet.toml", cwd=folder)
+    assert re.search(r"heave +vertical speed, m/s\n.* wind +Mean wind", told) and " role " not in told
+    assert "weight 0.2, scale 0.5: -|vertical speed| over a scale (m/s): a quiet ride" in told
+    file = folder / "quiet.toml"
+    config = load_scenario(file, ["episode_duration=4", "evaluation.settle=0", "track.worlds=2"])
+    found = judge_episodes(
+        config, {"usv": ClassicalPolicy()}, episodes=2, seed=1, source=file, show_progress=False
+    ).episodes["usv"]
+    assert set(found["succeeded"]) <= {0.0, 1.0}
+
+
 def test_an_adapter_steps(folder):
     assert re.search(r"\(24, 65\) mean reward -?\d\.\d+", printed("rows.py", cwd=folder))
 

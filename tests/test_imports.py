@@ -43,6 +43,7 @@ LAYERS = (
     ("rl.runs.signals", "rl.runs.ranks", "rl.guidance.course", "rl.step"),
     ("rl.perception",),
     ("rl.scenario",),
+    ("rl.terms",),
     ("rl.team",),
     ("rl.judge", "rl.guidance.rewards"),
     ("rl.mission",),

@@ -35,7 +35,7 @@ from taichi_sim.models.catalogue import vehicle_files
 
 VERSION = 1
 POINT = 0.01  # of the share of safe episodes
-NOT_JUDGED = ("plan", "tracking_reward", "boat_reward", "aircraft_reward")  # keys that change no policy's episodes
+NOT_JUDGED = ("plan", "terms")  # keys that change no policy's episodes
 
 
 class Task(Strict):

@@ -11,12 +11,13 @@ from matplotlib.ticker import MaxNLocator
 
 from rl.judge import SHARES
 from rl.mission import Histories, History
+from rl.team import TERM
 from taichi_sim.config.io import replacing
 from taichi_sim.visualisation.plotting import INK, dress, log_where_spread, moving_mean, new_figure, rgb
 from taichi_sim.visualisation.recording import Episode
 from taichi_sim.visualisation.recording.palette import Livery
 
-REWARD, LOSS = "reward_per_step", "policy_loss"
+REWARD, LOSS, TERMS = "reward_per_step", "policy_loss", "terms of the reward"
 ALWAYS = ("iteration", "agent_steps", "wall_time_s", REWARD, "measured")  # columns of checkups.csv that are no panels
 FEW = 0.5  # an error measured in a smaller share of episodes is drawn hollow
 NEAR = 0.08  # ticks of time nearer than this share of the axis are left out
@@ -38,6 +39,23 @@ def draw_iterations(axes: Axes, history: History, column: str, colour: object, l
     steps, known = history.iterations["agent_steps"] / 1e6, np.isfinite(values)
     axes.plot(steps[known], values[known], color=colour, linewidth=0.8, alpha=0.35)
     axes.plot(steps[known], moving_mean(values[known]), color=colour, linewidth=1.3, alpha=0.7, label=label)
+
+
+def terms_of(history: History) -> list[str]:
+    """Columns of a team's progress.csv that are parts of its reward."""
+    return [key for key, values in history.iterations.items() if key.startswith(TERM) and np.isfinite(values).any()]
+
+
+def draw_terms(axes: Axes, history: History, linestyle: str = "-", told: bool = True) -> None:
+    """The mean part of each term in the reward per decision over agent steps (millions), smoothed."""
+    steps = history.iterations["agent_steps"] / 1e6
+    axes.axhline(0.0, color=INK, linewidth=0.8)
+    for k, column in enumerate(terms_of(history)):
+        values = history.iterations[column]
+        known = np.isfinite(values)
+        label = f"{column.removeprefix(TERM)}: {values[known][-1]:.2g}" if told else ""
+        axes.plot(steps[known], moving_mean(values[known]), color=f"C{k}", linestyle=linestyle, linewidth=1.2,
+                  label=label)  # fmt: skip
 
 
 def draw_checkups(axes: Axes, history: History, column: str, colour: object, label: str, levels: bool = True) -> None:
@@ -78,7 +96,7 @@ def draw_axes(axes: Axes, histories: Sequence[History], column: str) -> None:
     columns = [of.checkups[who].get(column) for of in histories for who in of.checkups]
     if column in SHARES:
         axes.set_ylim(-0.04, 1.04)
-    elif column not in (REWARD, LOSS):
+    elif column not in (REWARD, LOSS, TERMS):
         log_where_spread(axes, np.concatenate([np.empty(0), *(values for values in columns if values is not None)]))
     steps, minutes = (np.append(0.0, histories[0].iterations[key]) for key in ("agent_steps", "wall_time_s"))
     axes.set_xlim(0.0, 1.02 * max(float(np.append(0.0, of.iterations["agent_steps"])[-1]) for of in histories) / 1e6)
@@ -113,6 +131,8 @@ def _grid(
                 axes.axhline(0.0, color=INK, linewidth=0.8)
             if column in history.iterations and column in (REWARD, LOSS):
                 draw_iterations(axes, history, column, colour, "training, moving mean")
+            if column == TERMS:
+                draw_terms(axes, history)
             draw_checkups(axes, history, column, colour, "mean policy, held-out episodes")
             draw_axes(axes, [history], column)
             words = column.replace("_", " ").replace("per step", "per decision")
@@ -133,6 +153,8 @@ def training_figures(histories: Histories, episode: Episode | None) -> dict[str,
         name: _grid(histories, liveries, dict.fromkeys(histories, [column]), titles[column], down=False)
         for name, column in (("reward", REWARD), ("policy_loss", LOSS))
     }
+    if all(terms_of(history) for history in histories.values()):
+        figures["terms"] = _grid(histories, liveries, dict.fromkeys(histories, [TERMS]), TERMS.capitalize(), down=False)
     columns = {team: judged(history) for team, history in histories.items()}
     if any(columns.values()):
         title = "The mean policy on held-out episodes during training"

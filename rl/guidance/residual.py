@@ -39,12 +39,13 @@ class ResidualTeam(Team):
     A mission derives its team from this class and gives:
 
     axes: of velocities, 2 of vessels or 3 of aircraft. radius: of a vehicle, m. known: the input of the controller; the
-        gate uses its `sensor.obstacles`. layout, observations_now: see `Team`.
+        gate uses its `sensor.obstacles`. written, write: its observations.
     """
 
     axes: int
     radius: float
-    layout: Mapping[str, int]
+    written: Mapping[str, int]
+    """Terms of its observations and their widths, in order."""
 
     def __init__(self, mission: Any, name: str):
         """Make team `name`; its controller is made when it is first needed."""
@@ -70,14 +71,28 @@ class ResidualTeam(Team):
         """Drop the controller's demand after a snapshot was restored."""
         self._wanted = None
 
+    def write(self) -> Tensor:
+        """Write the terms of `written` into one fresh tensor [env, vehicle, n]."""
+        raise NotImplementedError(f"{type(self).__name__}.write")
+
     def observe(self) -> dict[str, Tensor]:
-        """The terms of `layout`, as views of one tensor."""
-        widths = self.layout
-        return dict(zip(widths, self.observations_now().split(list(widths.values()), dim=-1), strict=True))
+        """The terms of `written`, as views of one tensor."""
+        widths = self.written
+        return dict(zip(widths, self.write().split(list(widths.values()), dim=-1), strict=True))
+
+    @property
+    def _as_written(self) -> bool:
+        """Whether neither a derived class nor the scenario changes what is observed: it is one tensor already."""
+        return type(self).observe is ResidualTeam.observe and self.section.observe is None
 
     def observations_now(self) -> Tensor:
-        """Write the terms of `layout` into one fresh tensor [env, vehicle, n]."""
-        raise NotImplementedError(f"{type(self).__name__}.observations_now")
+        """Compute `observations`, a fresh tensor."""
+        return self.write() if self._as_written else super().observations_now()
+
+    @property
+    def layout(self) -> Mapping[str, int]:
+        """Terms of the observations and their widths, in order."""
+        return self.written if self._as_written else super().layout
 
     @property
     def uses_controller(self) -> bool:

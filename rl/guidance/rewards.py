@@ -1,24 +1,31 @@
-"""Reward terms that all missions share, [env, vehicle], and their weighted sum."""
+"""Functions of rewards that missions share, and terms (rl/terms.py) made of them; every one is [env, vehicle]."""
 
-from collections.abc import Callable, Mapping
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 import torch
 from torch import Tensor
 
-from taichi_sim.config import Strict
-from taichi_sim.fleet import Fleet
+from rl.perception.sensors import Sensor
+from rl.step import Endings
+from taichi_sim.config import Positive
 
 
-class Rewarded(Protocol):
-    """What every reward reads of a team."""
+class Acting(Protocol):
+    """What terms read of any team."""
 
-    fleet: Fleet
+    action: Tensor
+    previous_action: Tensor
 
 
-T = TypeVar("T", bound=Rewarded)
-E = TypeVar("E")
-W = TypeVar("W", bound=Strict)
+class Keeping(Protocol):
+    """What terms read of a team that keeps a place."""
+
+    sensor: Sensor
+
+    @property
+    def distance(self) -> Tensor:
+        """Distance from the place, m."""
+        ...
 
 
 def coarse(d: Tensor, scale: float) -> Tensor:
@@ -46,9 +53,29 @@ def penalty(happened: Tensor) -> Tensor:
     return -happened.to(torch.get_default_dtype())
 
 
-def paid(terms: Mapping[str, Callable[[T, E, W], Tensor]], weights: W, team: T, ended: E) -> Tensor:
-    """Weighted sum of `terms`; a term with weight 0 is not computed."""
-    parts = [
-        getattr(weights, name) * term(team, ended, weights) for name, term in terms.items() if getattr(weights, name)
-    ]
-    return sum(parts, team.fleet.state.new_zeros(team.fleet.never.shape))
+# -- terms -------------------------------------------------------------------------------------------------------------
+
+
+def near(team: Keeping, scale: Positive) -> Tensor:
+    """exp(-(d / scale)^2), d the distance (m) from where it is to be."""
+    return coarse(team.distance, scale)
+
+
+def nearest(team: Keeping, scale: Positive) -> Tensor:
+    """1 / (1 + (d / scale)^2), d the distance (m) from where it is to be."""
+    return fine(team.distance, scale)
+
+
+def steady(team: Acting) -> Tensor:
+    """-|a - a_previous|^2 of the vehicle's actions."""
+    return action_rate(team.action, team.previous_action)
+
+
+def clear(team: Keeping, range: Positive) -> Tensor:
+    """-(1 - gap / range)^2 where the gap (m) to the nearest obstacle or team mate is smaller than the range (m)."""
+    return clearance(team.sensor.gap, range)
+
+
+def ending(ended: Endings) -> Tensor:
+    """-1 at a collision, or any other early ending."""
+    return penalty(ended.any)

@@ -142,7 +142,7 @@ class MissionEnv(VecEnv):
         own = self.mission.teams[self.team]
         time_outs = step.over.unsqueeze(1) & ~step.endings[self.team].any
         reward = step.reward[self.team]
-        log = {f"/{key}": value.float() for key, value in own.log(step.endings[self.team]).items()}
+        log = {f"/{key}": value.float() for key, value in own.logs(step.endings[self.team]).items()}
         extras: Extras = {"time_outs": time_outs.flatten().float(), "log": {"/reward": reward.mean(), **log}}
         return LearnerStep(self.scale * reward.flatten(), step.over.repeat_interleave(self.vehicles).long(), extras)
 

@@ -14,6 +14,7 @@ class Interface(TypedDict):
     episode_s: float
     observations: dict[str, str]  # name, in order -> what it is, with unit and scale
     actions: dict[str, str]
+    reward: dict[str, str]  # term -> weight, numbers, what it is; empty: the team's class sums its own
 
 
 def interface_of(team: Team) -> Interface:
@@ -26,13 +27,15 @@ def interface_of(team: Team) -> Interface:
         "vehicles": team.fleet.count,
         "decision_interval_s": mission.config.decision_interval,
         "episode_s": mission.config.episode_duration,
-        "observations": {name: team.meanings.get(term, "of order one") for name, term in terms.items()},
+        "observations": {name: team.meaning_of(term) for name, term in terms.items()},
         "actions": dict.fromkeys(team.action_names, taken),
+        "reward": {name: str(paid) for name, paid in team.paid_by.items()},
     }
 
 
 def told(name: str, interface: Interface) -> str:
     """An interface as lines to read: numbers of one term share a line."""
+    paid = interface["reward"]
     terms: dict[str, list[int]] = {}
     for number, observation in enumerate(interface["observations"]):
         terms.setdefault(observation.partition(".")[0], []).append(number)
@@ -49,6 +52,8 @@ def told(name: str, interface: Interface) -> str:
         *lines[: len(terms)],
         f" {len(interface['actions'])} actions of each vehicle",
         *lines[len(terms) :],
+        *([f" {len(paid)} terms of its reward in training"] if paid else ()),
+        *(f"  {name:{max(map(len, paid))}}  {text}" for name, text in paid.items()),
     ))  # fmt: skip
 
 

@@ -97,7 +97,7 @@ class StageRunner(OnPolicyRunner):
         for group in self.alg.optimizer.param_groups:
             group["fused"], group["foreach"] = True, False  # one kernel for each tensor instead of a dozen
         self._own = own = env.mission.teams[env.team]
-        self.logger.columns = (*COLUMNS, *env.mission.teams[env.team].logged)
+        self.logger.columns = (*COLUMNS, *env.mission.teams[env.team].all_logged)
         self.signature = {"observations": list(own.observation_names), "actions": list(own.action_names)}
         self.batches: list[dict[str, int]] = []
 

@@ -2,12 +2,14 @@
 
 import importlib
 import pkgutil
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from rl.mission import Mission
 from rl.missions.other_vehicle import fit_other_vehicles
 from rl.scenario import Scenario, at_stage
+from rl.team import Team
+from rl.terms import Door
 from taichi_sim.config import ConfigError
 from taichi_sim.config.explain_errors import source_of
 from taichi_sim.config.files import resolve_files
@@ -60,12 +62,24 @@ def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = (), the
             vehicle_file(team, file)
         except ConfigError as error:
             raise ConfigError(f"{sources.get(f'{name}.vehicle', file)}: {name}.{error}") from None
-    for name in config.stages:
+    _check_teams(kind, config, str(file), [file.parent], sources)
+    for name, stage in config.stages.items():
         try:
-            at_stage(config, name)
+            changed = at_stage(config, name)
         except ConfigError as error:
             raise ConfigError(f"{file}: {error}") from None
+        if stage.set:
+            _check_teams(kind, changed, f"{file}: stages.{name}.set", [file.parent], {})
     return config
+
+
+def _check_teams(
+    kind: type[Mission], config: Scenario, file: str, beside: Sequence[Path], sources: Mapping[str, str]
+) -> None:
+    """Refuse changes of what the teams of a mission are paid for and observe."""
+    kinds = kind.kinds(config)
+    for name in config.teams:
+        kinds.get(name, Team).check_section(config, Door(file, beside, name, sources), name in kinds)
 
 
 def _with_key(key: str) -> list[str]:
@@ -79,4 +93,7 @@ def make_mission(
 ) -> Mission:
     """The mission of a scenario in `num_envs` environments; arguments as of `Mission`."""
     kind = find_mission(config.mission, [source.parent] if source else [])
-    return kind(config, num_envs, seed=seed, teams=teams, source=source)
+    mission = kind(config, num_envs, seed=seed, teams=teams, source=source)
+    for team in mission.teams.values():
+        team.check()
+    return mission

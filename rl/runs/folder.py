@@ -123,7 +123,8 @@ def create(out: Path, config: Scenario, source: Path) -> None:
             saved[team] = section.model_copy(update={"vehicle": file.stem})
             _keep_plugin(read_toml(file).get("model"), [file.parent, source.parent], out)
             _keep_plugin(section.script, [source.parent], out)
-        _keep_plugin(config.mission, [source.parent], out)
+        for name in (config.mission, *config.functions):
+            _keep_plugin(name, [source.parent], out)
         places = {key: _keep_files(files, out, f"{MEASURED}/{key}") for key, files in measured_files(config).items()}
         write_toml(with_measured(config.model_copy(update=saved), places), out / CONFIG)
         for team, content in weights.items():

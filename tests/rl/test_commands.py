@@ -19,7 +19,7 @@ from taichi_sim.config.io import config_folder
         ("storm.hs=1", ("storm", "unknown key")),
         ("escort.worlds=2", ("escort", "belongs to the mission escort, and this scenario's is Formation")),
         ("usv.lost_distance=1e300", ("usv.lost_distance = 1e+300", "less than or equal to 1000000000000000")),
-        ("usv.tracking_reward.fine_scale=1e-300", ("fine_scale = 1e-300", "allowed are 1e-30 to 1e+15")),
+        ("usv.terms.fine.scale=1e-300", ("fine.scale = 1e-300", "allowed are 1e-30 to 1e+15")),
         ("usv.count=many", ("usv.count", "'many'")),
         ("usv.count=0", ("usv.count = 0", "greater than or equal to 1")),
         ("sea.tp=nan", ("sea.tp",)),

@@ -72,7 +72,7 @@ def test_bounds_are_read_back_where_the_episodes_are_the_same(tmp_path):
         "seed=9",
         "stages.usv.iterations=3",
         "usv.residual.velocity=1",
-        "usv.tracking_reward.fine=0",
+        "usv.terms.fine.weight=0",
         "uav.count=2",
     ):
         assert digest(load_scenario("lanes", (same,)), "usv") == digest(config, "usv")

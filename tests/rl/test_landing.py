@@ -101,11 +101,11 @@ def test_plans_of_a_landing_count_a_landing_and_its_failures():
     mission = shared()
     mission.reset()
     team = mission.teams["uav"]
-    ended, weights = torch.ones((4, 1), dtype=torch.bool), team.section.aircraft_reward
+    ended, weights = torch.ones((4, 1), dtype=torch.bool), {k: paid.term.weight for k, paid in team.paid_by.items()}
     none, failed = team.plan_cost(~ended), team.plan_cost(ended)
-    assert torch.allclose(failed - none, torch.full((4, 1), weights.failed))
+    assert torch.allclose(failed - none, torch.full((4, 1), weights["failed"]))
     team.stood = torch.full_like(team.stood, mission.config.landing.stand)
-    assert torch.allclose(team.plan_cost(ended) - none, torch.full((4, 1), -weights.landed))
+    assert torch.allclose(team.plan_cost(ended) - none, torch.full((4, 1), -weights["landed"]))
 
 
 def test_an_honest_planner_believes_what_the_aircraft_know():

@@ -37,6 +37,7 @@ SCENARIOS = {
 SCRATCH = (
     "._wanted",
     ".ordered",  # as of the last command, which comes anew
+    "].parts[",  # of the last reward
     ".members['turns']",
     ".members['remainder']",  # of copies of a group's last vehicle; those of vehicles are `Fleet.remainder`
     ".members['rests']",

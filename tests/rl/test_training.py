@@ -95,7 +95,7 @@ def test_the_files_are_there(trained):
         assert [row["iteration"] for row in rows] == [str(i) for i in range(ITERATIONS)]
         assert [int(row["agent_steps"]) for row in rows] == [(i + 1) * ROWS * 8 for i in range(ITERATIONS)]
     figures = list((trained / "figures").glob("*.png"))
-    assert len(figures) == 6 and all(p.read_bytes().startswith(b"\x89PNG") for p in figures)
+    assert len(figures) == 7 and all(p.read_bytes().startswith(b"\x89PNG") for p in figures)
     assert not list(trained.rglob("*.part*"))
 
 

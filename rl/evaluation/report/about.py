@@ -13,7 +13,17 @@ from rl.evaluation.intervals import Interval, differences, intervals
 from rl.evaluation.report.numbers import NOTHING, number
 from rl.evaluation.store import Run, StoredEvaluation
 from rl.evaluation.sweeps import AxisTable, CellRow, SweepTable, named, value_text
-from rl.evaluation.training_figures import LOSS, REWARD, draw_axes, draw_checkups, draw_iterations, judged
+from rl.evaluation.training_figures import (
+    LOSS,
+    REWARD,
+    TERMS,
+    draw_axes,
+    draw_checkups,
+    draw_iterations,
+    draw_terms,
+    judged,
+    terms_of,
+)
 from rl.runs.folder import LANES, StageResult, resuming, was_lanes
 from taichi_sim.config.io import toml_text
 from taichi_sim.visualisation.plotting import log_where_spread
@@ -176,7 +186,16 @@ def curves(runs: Sequence[Run]) -> str:
         return missing("No training yet.", resuming(runs[0].folder))
     known = {team: [run for run in runs if team in run.histories] for team in teams}
     columns = {
-        team: list(dict.fromkeys([REWARD, *(key for run in of for key in judged(run.histories[team])), LOSS]))
+        team: list(
+            dict.fromkeys(
+                [
+                    REWARD,
+                    *([TERMS] if any(terms_of(run.histories[team]) for run in of) else ()),
+                    *(key for run in of for key in judged(run.histories[team])),
+                    LOSS,
+                ]
+            )
+        )
         for team, of in known.items()
     }
     wide = max(map(len, columns.values()))
@@ -192,6 +211,8 @@ def curves(runs: Sequence[Run]) -> str:
                 history = run.histories[team]
                 if column in (REWARD, LOSS):
                     draw_iterations(axes, history, column, colour, "")
+                if column == TERMS:
+                    draw_terms(axes, history, "-" if run is runs[0] else ":", run is runs[0])
                 draw_checkups(axes, history, column, colour, run.name, levels=run is runs[0])
             draw_axes(axes, [run.histories[team] for run in known[team]], column)
             panel(axes, f"{team}: {column.replace('_', ' ')}", "million agent-steps" if team == teams[-1] else "", "")
@@ -203,7 +224,8 @@ def curves(runs: Sequence[Run]) -> str:
     lead = (
         "Dots: the mean policy on held-out episodes, which nothing else uses; hollow: most episodes ended before the "
         "error could be measured; crosses: all did. Thin lines: each iteration of the training, and their moving mean. "
-        "Dashed: the classical controller; dotted: the policy before its training. Above: minutes of training."
+        "Dashed: the classical controller; dotted: the policy before its training. Terms: the mean part of each in the "
+        "reward per decision, weighted, and its last value; dotted: of the second run. Above: minutes of training."
     )
     return paragraph(lead, "faint") + svg(figure, "learning curves")
 

@@ -8,9 +8,7 @@ from torch import Tensor
 
 from rl.guidance.observations import squashed
 from rl.guidance.residual import ResidualTeam
-from rl.guidance.rewards import paid
 from rl.guidance.targets_and_errors import EAST, NORTH, SLOT_SIZE, TARGET_SIZE, SlotErrors, Target, to_starboard
-from rl.missions.escort import rewards
 from rl.missions.escort.circling import (
     CIRCLE_SCALE,
     FAR_SCALE,
@@ -24,6 +22,7 @@ from rl.missions.escort.circling import (
 )
 from rl.missions.escort.endings_and_logs import LOGGED, log_of, margins_of
 from rl.missions.escort.host import EscortHost
+from rl.missions.escort.rewards import AIRCRAFT_TERMS
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
 from rl.perception.instruments import InstrumentsConfig, Readings
 from rl.perception.sensors import Sensor
@@ -66,6 +65,7 @@ class EscortAircraft(ResidualTeam):
         sensor: surrounding obstacles and team mates.
     """
 
+    terms = AIRCRAFT_TERMS
     logged = LOGGED
     meanings = OBSERVED
     mission: EscortHost
@@ -109,6 +109,10 @@ class EscortAircraft(ResidualTeam):
         self.sensor.look(mission.obstacles, mission.env_world, due, mission.bodies)
         self._errors.measure(due)
 
+    def perceive(self, due: Due) -> None:
+        """Read the instruments."""
+        self.own.read(due)
+
     def look(self, due: Due) -> None:
         """Look at the place where each aircraft believes the vessel to be."""
         self.camera.aim(self.measured.believed)
@@ -118,10 +122,6 @@ class EscortAircraft(ResidualTeam):
         """Update the tangent of the circle, and tracks of what is near."""
         super().conclude(due)
         self.measured.conclude(due)
-
-    def reward(self, ended: Endings) -> Tensor:
-        """Rewards of rewards.py."""
-        return paid(rewards.AIRCRAFT_TERMS, self.section.aircraft_reward, self, ended)
 
     def margins(self) -> dict[str, Tensor]:
         """To contact with an obstacle, the vessel or a team mate; to the edge of the area."""
@@ -154,11 +154,11 @@ class EscortAircraft(ResidualTeam):
         return self.mission.boats_result()
 
     @property
-    def layout(self) -> Mapping[str, int]:
+    def written(self) -> Mapping[str, int]:
         """Terms of the team's observations and their widths (circling.py)."""
         return self.measured.circle.widths
 
-    def observations_now(self) -> Tensor:
+    def write(self) -> Tensor:
         """Observations [env, aircraft, n], a fresh tensor each time."""
         return self.measured.circle.observe(self.action, self.reference())
 

@@ -8,13 +8,12 @@ from torch import Tensor
 from rl.guidance.controllers import controller_of
 from rl.guidance.observations import MEANINGS, ObservationWriter, squashed
 from rl.guidance.residual import ResidualTeam
-from rl.guidance.rewards import paid
 from rl.guidance.shapes import escort_offsets
 from rl.guidance.targets_and_errors import OFFSET, RATE, SLOT_SIZE, Geometry, Target, course_of
 from rl.guidance.targets_and_errors import TARGET_SIZE as TARGET
-from rl.missions.escort import rewards
 from rl.missions.escort.endings_and_logs import LOGGED, log_of, margins_of
 from rl.missions.escort.host import EscortHost
+from rl.missions.escort.rewards import BOAT_TERMS
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
 from rl.perception.charted_objects import ChartedObjects
 from rl.perception.instruments import Readings
@@ -52,6 +51,7 @@ class EscortBoats(ResidualTeam):
             and a decision ago. own: what the instruments measure. measured: the input of policies and controllers.
     """
 
+    terms = BOAT_TERMS
     logged = LOGGED
     meanings = MEANINGS | {
         "track_age": f"age of what is known of the vessel, s, squashed by {AGE_SCALE:g}",
@@ -112,6 +112,10 @@ class EscortBoats(ResidualTeam):
         mission = self.mission
         self.sensor.look(mission.obstacles, mission.env_world, due, mission.bodies)
 
+    def perceive(self, due: Due) -> None:
+        """Read the instruments."""
+        self.own.read(due)
+
     def look(self, due: Due) -> None:
         """Look out for the vessel and obstacles."""
         self.lookout.see(due)
@@ -120,10 +124,6 @@ class EscortBoats(ResidualTeam):
         """Update errors about the vessel as each boat knows it, and what is near."""
         super().conclude(due)
         self.measured.conclude(due)
-
-    def reward(self, ended: Endings) -> Tensor:
-        """Rewards of rewards.py."""
-        return paid(rewards.BOAT_TERMS, self.section.boat_reward, self, ended)
 
     def plan_cost(self, ended: Tensor) -> Tensor:
         """Distance from the slot, squared where it is small, plus NEAR_COST and ENDED_COST."""
@@ -148,11 +148,11 @@ class EscortBoats(ResidualTeam):
         return own or controller_of(self.fleet.model, self.section.control, f"{self.name}.control")
 
     @property
-    def layout(self) -> Mapping[str, int]:
+    def written(self) -> Mapping[str, int]:
         """Terms of the team's observations and their widths: those of formations, and two of the vessel's track."""
         return {**self.writer.widths, "track_age": 1, "track_sigma": 1}
 
-    def observations_now(self) -> Tensor:
+    def write(self) -> Tensor:
         """Observations [env, boat, n], a fresh tensor each time."""
         age, sigma = (self.tracking.of(self.name, x).unsqueeze(-1) for x in (self.tracking.age, self.tracking.sigma))
         row = self.writer(self.action, self.reference())

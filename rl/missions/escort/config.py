@@ -9,13 +9,12 @@ from pydantic import Field
 from rl.guidance.course.obstacles import FixedObstacle
 from rl.guidance.residual import ResidualConfig
 from rl.guidance.shapes import EscortShape
-from rl.missions.escort.rewards import EscortAircraftReward, EscortBoatReward
 from rl.perception.radio import RadioConfig
 from rl.perception.sightings import CameraConfig, LookoutConfig
 from rl.perception.tracked_objects import SensorsConfig
 from rl.planning.planner import PlanConfig
-from rl.scenario import Evaluation, Scenario
-from taichi_sim.config import Fraction, NonNegative, Positive, Span, Strict, TeamConfig
+from rl.scenario import Evaluation, Scenario, TeamSection
+from taichi_sim.config import Fraction, NonNegative, Positive, Span, Strict
 from taichi_sim.config.plausible import Plausible
 
 ROOM = 12.0  # m from an obstacle's surface to where a vehicle begins; assumed
@@ -99,7 +98,7 @@ class OrbitConfig(Strict):
         return 1.0 if self.direction == "clockwise" else -1.0
 
 
-class EscortTeam(TeamConfig):
+class EscortTeam(TeamSection):
     """One team: its vehicle and size (TeamConfig), and the parameters of its part."""
 
     formation: EscortShape = "astern"  # of boats about the vessel (shapes.py)
@@ -111,8 +110,6 @@ class EscortTeam(TeamConfig):
     residual: ResidualConfig | None = None
     control: dict[str, float] = {}  # gains of its classical controller; default: its own
     plan: PlanConfig = PlanConfig()
-    boat_reward: EscortBoatReward = EscortBoatReward()
-    aircraft_reward: EscortAircraftReward = EscortAircraftReward()
 
 
 class EscortEvaluation(Evaluation):

@@ -7,6 +7,7 @@ some hundred metres away; they are given a place where the vessel was.
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import ClassVar, cast
 
 import numpy as np
 import torch
@@ -47,7 +48,13 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
     """
 
     Config = EscortScenario
+    Teams: ClassVar = {"boats": EscortBoats, "aircraft": EscortAircraft}
     Judge = EscortJudge
+
+    @classmethod
+    def part(cls, config: EscortScenario, team: str) -> str:
+        """The part of a team, by `[escort]`."""
+        return {config.escort.boats: "boats", config.escort.aircraft: "aircraft"}.get(team, team)
 
     def make_teams(self, names: Sequence[str]) -> dict[str, EscortBoats | EscortAircraft]:
         """Draw the worlds, then make the tracking that all observers share, and the teams."""
@@ -86,10 +93,11 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
         scouted = aircraft in config.teams and aircraft not in names
         self.scouts = self.remember(Scouts(self, aircraft, self.tracking) if scouted else None)
         boats = config.escort.boats
-        self.boats = EscortBoats(self, boats, self.tracking) if boats in names else None
-        self.aircraft = EscortAircraft(self, aircraft, self.tracking) if aircraft in names else None
-        made = {boats: self.boats, aircraft: self.aircraft}
-        return {name: team for name in names if (team := made[name]) is not None}
+        kinds = self.kinds(config)
+        made = {name: kinds[name](self, name, self.tracking) for name in names}
+        self.boats = cast(EscortBoats | None, made.get(boats))
+        self.aircraft = cast(EscortAircraft | None, made.get(aircraft))
+        return made
 
     def _shared_tracking(self, names: Sequence[str]) -> SharedTracking:
         """The tracking of all observers: boats, then aircraft or the scouts in their place."""
@@ -140,8 +148,7 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
 
     def perceive(self, due: Due) -> None:
         """Read instruments; where an episode begins, tell all where the vessel was; then look."""
-        for team in self.teams.values():
-            team.own.read(due)
+        super().perceive(due)
         begun = due.begins.nonzero().flatten()
         if len(begun):
             self.tracking.begin(begun, self._cue[begun])
@@ -151,6 +158,7 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
     def exchange(self, due: Due) -> None:
         """All observers have one radio."""
         self.tracking.exchange(due)
+        super().exchange(due)
 
     def conclude(self, due: Due) -> None:
         """Update the charts of all observers; then what the teams know."""

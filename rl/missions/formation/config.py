@@ -8,12 +8,11 @@ from pydantic import Field, model_validator
 from rl.guidance.course.obstacles import FixedObstacle
 from rl.guidance.residual import ResidualConfig
 from rl.guidance.shapes import Shape
-from rl.missions.formation.rewards import TrackingReward
 from rl.perception.radio import RadioConfig
 from rl.perception.tracked_objects import SensorsConfig
 from rl.planning.planner import PlanConfig
-from rl.scenario import Evaluation, Scenario
-from taichi_sim.config import Fraction, NonNegative, Ordered, Positive, Strict, TeamConfig
+from rl.scenario import Evaluation, Scenario, TeamSection
+from taichi_sim.config import Fraction, NonNegative, Ordered, Positive, Strict
 from taichi_sim.config.plausible import Plausible
 
 TargetSpeed = Annotated[float, Field(gt=0, le=100)]
@@ -89,8 +88,8 @@ class FormationConfig(Strict):
         return {"shape": given} if isinstance(given, str) else given
 
 
-class FormationTeam(TeamConfig):
-    """One team: its vehicle and size (TeamConfig), formation and rewards; vehicle 0 leads."""
+class FormationTeam(TeamSection):
+    """One team: its vehicle and size (TeamConfig), and formation; vehicle 0 leads."""
 
     formation: FormationConfig = FormationConfig()
     spacing: Spacing = 15.0  # between neighbours, m
@@ -102,7 +101,6 @@ class FormationTeam(TeamConfig):
     lost_distance: Annotated[Positive, Plausible(1.0, 2e4, "m")] = 150.0
     residual: ResidualConfig | None = None
     control: dict[str, float] = {}  # gains of its classical controller (rl/guidance/controllers); default: its own
-    tracking_reward: TrackingReward = TrackingReward()
     plan: PlanConfig = PlanConfig()
 
     @property

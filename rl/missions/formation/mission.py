@@ -71,7 +71,8 @@ class Formation(Mission[FormationScenario, TeamTask]):
             )
             for pace in map(config.pace, names)
         })  # fmt: skip
-        return {name: TeamTask(self, name, self.targets[config.pace(name)]) for name in names}
+        kinds = self.kinds(config)
+        return {name: kinds[name](self, name, self.targets[config.pace(name)]) for name in names}
 
     # -- one step --------------------------------------------------------------------------------------------------
 
@@ -118,9 +119,10 @@ class Formation(Mission[FormationScenario, TeamTask]):
     # -- what others ask -------------------------------------------------------------------------------------------
 
     def imagined(self, team: TeamTask) -> Mission:
-        """Make an `ImaginedFormation` for the model of `team`."""
+        """Make an `ImaginedFormation` for the model of `team`, with the same classes of teams."""
         config = imagined_scenario(self.config, team.name)
-        return ImaginedFormation(config, self.num_envs, seed=self.seed, teams=(team.name,), source=self.source)
+        kind = type("Imagined", (ImaginedFormation,), {"Teams": self.Teams, "Team": self.Team})
+        return kind(config, self.num_envs, seed=self.seed, teams=(team.name,), source=self.source)
 
     @classmethod
     def piloted(cls, config: FormationScenario, team: str) -> FormationScenario:
@@ -177,7 +179,7 @@ def imagined_scenario(config: FormationScenario, name: str) -> FormationScenario
     current = config.sea.current and config.sea.current.model_copy(update={"std": 0.0})
     steady = {"std": 0.0, "turbulence": "none", "gust": None}
     obstacles = config.obstacles.model_copy(update={"count": 0, "fixed": ()})
-    section = config.formations[name].model_copy(update={"vary": {}, "residual": None})
+    section = config.formations[name].model_copy(update={"vary": {}, "residual": None, "observe": None})
     return config.model_copy(
         update={
             "sea": SeaConfig(**CALM, depth=config.sea.depth, current=current),

@@ -1,40 +1,23 @@
-"""Rewards: the weights, one function per term, and the terms that make a reward.
+"""Rewards: one function for each term, and the terms with their weights.
 
 `d` is a vehicle's distance (m) to what it tracks: the target for a leader, its slot for a follower. Every term is
-[env, vehicle]. To add one to the tracking reward: its weight in `TrackingReward`, its function, its line in `TERMS`.
+[env, vehicle].
 """
 
-from collections.abc import Callable
 from typing import Protocol
 
 import torch
 from torch import Tensor
 
-from rl.guidance.rewards import action_rate, clearance, coarse, fine, paid, penalty
+from rl.guidance.rewards import clearance, ending, near, nearest, penalty, steady
 from rl.guidance.targets_and_errors import SlotErrors, Target
 from rl.perception.sensors import Mate, Obstacle, Sensor
 from rl.step import Endings
-from taichi_sim.config import NonNegative, Positive, Strict
+from rl.terms import Term
+from taichi_sim.config import NonNegative, Positive
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.conventions import EAST, NORTH
 from taichi_sim.vehicle import Vehicle
-
-
-class TrackingReward(Strict):
-    """Weights and scales of `reward = "tracking"`; a function each, below."""
-
-    coarse: NonNegative = 1.0  # exp(-(d / coarse_scale)^2)
-    coarse_scale: Positive = 8.0  # m
-    fine: NonNegative = 1.0  # 1 / (1 + (d / fine_scale)^2)
-    fine_scale: Positive = 0.5  # m
-    approach: NonNegative = 0.02  # -d per metre: its gradient does not vanish far away
-    squared: NonNegative = 0.0  # -d^2 per square metre, up to squared_limit
-    squared_limit: Positive = 15.0  # m
-    action_rate: NonNegative = 0.02  # -|a - a_previous|^2
-    clearance: NonNegative = 0.5  # -(1 - gap / clearance_range)^2 inside the range
-    clearance_range: Positive = 4.0  # m, gap to the nearest obstacle or team mate
-    clearance_time: NonNegative = 0.0  # s ahead, of the least gap if all go straight on; 0: the gap now
-    ending: NonNegative = 10.0  # -1 at a collision, or any other early ending
 
 
 def paper_usv(d: Tensor, toward: Tensor, along: Tensor) -> Tensor:
@@ -52,11 +35,6 @@ def paper_uav_leader(d: Tensor, toward: Tensor, along: Tensor) -> Tensor:
 def paper_uav_follower(d: Tensor) -> Tensor:
     """Sec. 3.5: 1 - 0.025 d below 100 m; the paper gives nothing beyond, so 0 there."""
     return torch.where(d < 100.0, 1 - 0.025 * d, torch.zeros_like(d))
-
-
-def squared(d: Tensor, limit: float) -> Tensor:
-    """-d^2 up to `limit` (m): the quantity of the rms error."""
-    return -d.clamp(max=limit).square()
 
 
 class Keeper(Protocol):
@@ -97,33 +75,52 @@ def gap_ahead(team: Keeper, time: float) -> Tensor:
     return torch.minimum(sensor.gap, gap.masked_fill(none, sensor.reach).amin(-1))
 
 
-TERMS: dict[str, Callable[[Keeper, Endings, TrackingReward], Tensor]] = {
-    "coarse": lambda team, ended, w: coarse(team.distance, w.coarse_scale),
-    "fine": lambda team, ended, w: fine(team.distance, w.fine_scale),
-    "approach": lambda team, ended, w: -team.distance,
-    "squared": lambda team, ended, w: squared(team.distance, w.squared_limit),
-    "action_rate": lambda team, ended, w: action_rate(team.action, team.previous_action),
-    "clearance": lambda team, ended, w: clearance(gap_ahead(team, w.clearance_time), w.clearance_range),
-    "ending": lambda team, ended, w: penalty(ended.any),
-}
-"""Terms of `reward = "tracking"`: name of the weight -> function of a team, its endings, and the weights."""
+def approach(team: Keeper) -> Tensor:
+    """-d per metre: its gradient does not vanish far away."""
+    return -team.distance
 
 
-def tracking(weights: TrackingReward, team: Keeper, ended: Endings) -> Tensor:
-    """`reward = "tracking"`: the weighted sum of `TERMS`."""
-    return paid(TERMS, weights, team, ended)
+def squared(team: Keeper, limit: Positive = 15.0) -> Tensor:
+    """-d^2 per square metre, up to `limit` (m): the quantity of the rms error."""
+    return -team.distance.clamp(max=limit).square()
 
 
-def paper(team: Keeper, ended: Endings) -> Tensor:
-    """`reward = "paper"`: eqs (10) and (11), and the penalty of a collision."""
+def keep_clear(team: Keeper, range: Positive = 4.0, time: NonNegative = 0.0) -> Tensor:
+    """-(1 - gap / range)^2 where the gap (m) to the nearest obstacle or team mate is smaller than the range (m); the
+    least gap in the next `time` (s) if all go straight on.
+    """
+    return clearance(gap_ahead(team, time), range)
+
+
+def paper(team: Keeper) -> Tensor:
+    """Eqs (10) and (11) of the seed paper."""
     d, derived = team.distance, team.fleet.derived
     forward = derived[..., 0:9:3][..., : team.axes]  # the nose, in n
     direction = team.now.error[..., : team.axes] / d.clamp(min=1e-3).unsqueeze(-1)
     toward = (forward * direction).sum(-1)
     along = forward[..., NORTH] * team.target.cos + forward[..., EAST] * team.target.sin
     if team.fleet.model.medium == "water":
-        reward = paper_usv(d, toward, along)
-    else:
-        leader = paper_uav_leader(d[:, :1], toward[:, :1], along[:, :1])
-        reward = torch.cat((leader, paper_uav_follower(d[:, 1:])), dim=1)
-    return reward + penalty(ended["collided"])
+        return paper_usv(d, toward, along)
+    leader = paper_uav_leader(d[:, :1], toward[:, :1], along[:, :1])
+    return torch.cat((leader, paper_uav_follower(d[:, 1:])), dim=1)
+
+
+def collision(ended: Endings) -> Tensor:
+    """-1 at a collision."""
+    return penalty(ended["collided"])
+
+
+TERMS = {
+    "coarse": Term(near, 1.0, {"scale": 8.0}),
+    "fine": Term(nearest, 1.0, {"scale": 0.5}),
+    "approach": Term(approach, 0.02),
+    "squared": Term(squared, 0.0),
+    "action_rate": Term(steady, 0.02),
+    "clearance": Term(keep_clear, 0.5),
+    "ending": Term(ending, 10.0),
+    "paper": Term(paper, 0.0),
+    "collision": Term(collision, 0.0),
+}
+"""Terms of the reward, with the weights of `reward = "tracking"`."""
+PAPER = dict.fromkeys(TERMS, 0.0) | {"paper": 1.0, "collision": 1.0}
+"""Weights of `reward = "paper"`."""

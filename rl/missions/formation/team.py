@@ -12,8 +12,8 @@ from rl.guidance.knowledge import Knowledge
 from rl.guidance.observations import MEANINGS, ObservationWriter, air_columns
 from rl.guidance.residual import ResidualTeam
 from rl.guidance.targets_and_errors import Geometry, SlotErrors, Target, Targets
-from rl.missions.formation import rewards
 from rl.missions.formation.config import FormationScenario
+from rl.missions.formation.rewards import PAPER, TERMS
 from rl.missions.formation.slots import Slots
 from rl.perception.instruments import Readings
 from rl.perception.radio import Radio
@@ -21,6 +21,7 @@ from rl.perception.sensors import Nearby, Sensor
 from rl.perception.tracked_objects import TrackedObjects
 from rl.step import Due, Endings
 from rl.team import Controller, Host
+from rl.terms import Term
 from taichi_sim.fleet import Fleet
 from taichi_sim.state.memory import Remembers
 
@@ -54,6 +55,7 @@ class TeamTask(ResidualTeam):
         slots: about the leader (slots.py). offsets: [env, vehicle, 2] of them, a live view, m.
     """
 
+    terms = TERMS
     logged = ("leader_error_m", "follower_error_m", "collisions_per_hour", "lost")
     meanings = MEANINGS
     mission: Course
@@ -84,8 +86,14 @@ class TeamTask(ResidualTeam):
         self.writer = ObservationWriter(self.known, config.observations, self.reference_width)
         self._true = None if exact else ObservationWriter(self, config.observations, self.reference_width)
 
+    @classmethod
+    def declared(cls, config: FormationScenario) -> Mapping[str, Term]:
+        """`terms`, with the weights of the scenario's `reward`."""
+        weights = PAPER if config.reward == "paper" else {}
+        return {name: term._replace(weight=weights.get(name, term.weight)) for name, term in cls.terms.items()}
+
     @property
-    def layout(self) -> Mapping[str, int]:
+    def written(self) -> Mapping[str, int]:
         """Terms of the team's observations and their widths (observations.py)."""
         return self.writer.widths
 
@@ -94,7 +102,7 @@ class TeamTask(ResidualTeam):
         """Those of aircraft."""
         return air_columns(self.fleet.model)[0]
 
-    def observations_now(self) -> Tensor:
+    def write(self) -> Tensor:
         """Observations [env, vehicle, n] (observations.py), a fresh tensor each time."""
         return self.writer(self.action, self.reference())
 
@@ -139,12 +147,6 @@ class TeamTask(ResidualTeam):
     def distance(self) -> Tensor:
         """Distance (m) of each vehicle from its slot: the leader's tracking error, a follower's formation error."""
         return self.now.distance
-
-    def reward(self, ended: Endings) -> Tensor:
-        """Rewards of rewards.py."""
-        if self.mission.config.reward == "paper":
-            return rewards.paper(self, ended)
-        return rewards.tracking(self.section.tracking_reward, self, ended)
 
     def plan_cost(self, ended: Tensor) -> Tensor:
         """Squared distance from the slot, plus NEAR_COST and ENDED_COST."""

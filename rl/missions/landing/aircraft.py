@@ -7,14 +7,13 @@ import torch
 from torch import Tensor
 
 from rl.guidance.observations import squashed
-from rl.guidance.rewards import paid
-from rl.missions.landing import rewards
 from rl.missions.landing.config import LandingScenario, LandingTeam
 from rl.missions.landing.decks import DeckMotion, Decks
 from rl.missions.landing.known_deck import LAGS, KnownDeck
 from rl.missions.landing.level_frame import into_level
 from rl.missions.landing.marker import Look, Marker
 from rl.missions.landing.pilots import Pilot, corrected
+from rl.missions.landing.rewards import AIRCRAFT_TERMS
 from rl.perception.instruments import Readings
 from rl.perception.radio import Radio
 from rl.step import COLLIDED, Due, Endings
@@ -83,6 +82,7 @@ class Aircraft(Team[LandingHost, LandingTeam]):
         "previous_action": "the last actions, -1 to 1",
         "reference": f"change of velocity that the pilot asks for, m/s, squashed by {SLOW:g}",
     }
+    terms = AIRCRAFT_TERMS
     logged = ("landed", "failed", "touch_error_m", "touch_speed")
 
     def __init__(self, mission: LandingHost, name: str, decks: Decks):
@@ -323,10 +323,6 @@ class Aircraft(Team[LandingHost, LandingTeam]):
         }
 
     # -- learning --------------------------------------------------------------------------------------------------
-
-    def reward(self, ended: Endings) -> Tensor:
-        """See rewards.py."""
-        return paid(rewards.AIRCRAFT_TERMS, self.section.aircraft_reward, self, ended)
 
     def plan_cost(self, ended: Tensor) -> Tensor:
         """Minus the reward, in which a landing differs from other endings."""

@@ -6,12 +6,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from rl.missions.landing.rewards import AircraftReward
 from rl.perception.radio import RadioConfig
 from rl.perception.tracked_objects import SensorsConfig
 from rl.planning.planner import PlanConfig
-from rl.scenario import Evaluation, Scenario
-from taichi_sim.config import Fraction, NonNegative, Positive, Span, Strict, TeamConfig
+from rl.scenario import Evaluation, Scenario, TeamSection
+from taichi_sim.config import Fraction, NonNegative, Positive, Span, Strict
 from taichi_sim.config.plausible import Plausible
 
 Angle = Annotated[float, Field(gt=0, lt=90)]
@@ -114,7 +113,7 @@ class CorrectionConfig(Strict):
     reach: Annotated[Positive, Plausible(0.2, 500.0, "m")] = 8.0
 
 
-class LandingTeam(TeamConfig):
+class LandingTeam(TeamSection):
     """One team: its vehicle and size (TeamConfig), and the parameters of its part."""
 
     sensors: SensorsConfig = SensorsConfig()
@@ -123,7 +122,6 @@ class LandingTeam(TeamConfig):
     correction: CorrectionConfig | None = None  # of aircraft; none: a policy gives the vehicle's own actions
     control: dict[str, float] = {}  # of boats: numbers of their classical controller
     plan: PlanConfig = PlanConfig()
-    aircraft_reward: AircraftReward = AircraftReward()
 
 
 class LandingEvaluation(Evaluation):

@@ -10,6 +10,7 @@ camera that sees a marker on it from near and by what the boat tells by radio (b
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -88,7 +89,13 @@ class Landing(Mission[LandingScenario, SensingAircraft]):
     """
 
     Config = LandingScenario
+    Teams: ClassVar = {"aircraft": SensingAircraft}
     Judge = LandingJudge
+
+    @classmethod
+    def part(cls, config: LandingScenario, team: str) -> str:
+        """The part of a team, by `[landing]`."""
+        return "aircraft" if team == config.landing.aircraft else team
 
     def __init__(
         self, config: LandingScenario, num_envs: int, *, seed: int, teams: Sequence[str] | None = None,
@@ -118,7 +125,7 @@ class Landing(Mission[LandingScenario, SensingAircraft]):
         self.world.scripts[parts.boats], self.aircraft = Helm(self.boats), None
         if parts.aircraft not in names:
             return {}
-        self.aircraft = SensingAircraft(self, parts.aircraft, self.boats, self.radio)
+        self.aircraft = self.kinds(self.config)[parts.aircraft](self, parts.aircraft, self.boats, self.radio)
         return {parts.aircraft: self.aircraft}
 
     # -- one step --------------------------------------------------------------------------------------------------
@@ -141,6 +148,7 @@ class Landing(Mission[LandingScenario, SensingAircraft]):
             place[:, count:] = self.aircraft.fleet.position_n
             said[:, count:, :3], said[:, count:, 3:6] = self.aircraft.own.position_n, self.aircraft.own.velocity_n
         self.radio.talk(due)
+        super().exchange(due)
 
     # -- episodes --------------------------------------------------------------------------------------------------
 

@@ -1,52 +1,28 @@
-"""Rewards: the weights, one function per term, and the terms of each part. Every term is [env, vehicle]."""
+"""Rewards: one function for each term, and the terms of each team with their weights. Every term is [env, vehicle]."""
 
 import math
-from collections.abc import Callable
 from typing import Protocol
 
 import torch
-from pydantic import model_validator
 from torch import Tensor
 
-from rl.guidance.rewards import action_rate, coarse, penalty
+from rl.guidance.rewards import coarse, penalty, steady
 from rl.step import Endings
-from taichi_sim.config import NonNegative, Positive, Strict
+from rl.terms import Term
+from taichi_sim.config import Positive
 from taichi_sim.fleet import Fleet
 
 
-class AircraftReward(Strict):
-    """Weights and scales of an aircraft's terms."""
-
-    closing: NonNegative = 1.0  # how fast the time falls that it takes to the deck's middle, s/s
-    time: NonNegative = 0.6  # -1 until the first touch
-    touch: NonNegative = 100.0  # once all soles are down: a third each for how near the middle, how soft, how level
-    touch_error: Positive = 0.2  # m
-    touch_speed: Positive = 0.6  # m/s
-    touch_tilt_deg: Positive = 7.0  # to the deck
-    landed: NonNegative = 60.0  # 1 when it has landed
-    failed: NonNegative = 200.0  # -1 at any other end
-    action_rate: NonNegative = 0.02  # -|a - a_previous|^2
-
-    @model_validator(mode="before")
-    @classmethod
-    def _without_scale(cls, data: object) -> object:
-        """Accept files of earlier versions, in which metres of distance were paid for, over `closing_scale`."""
-        return {key: value for key, value in data.items() if key != "closing_scale"} if isinstance(data, dict) else data
-
-
-def touchdown(settling: Tensor, error: Tensor, speed: Tensor, tilt: Tensor, w: AircraftReward) -> Tensor:
-    """Reward of a touchdown when all soles are down: at most 1.
+def touchdown(
+    settling: Tensor, error: Tensor, speed: Tensor, tilt: Tensor, scales: tuple[float, float, float]
+) -> Tensor:
+    """Reward of a touchdown when all soles are down: at most 1; `scales` of error, speed and tilt (m, m/s, deg).
 
     `error` (m, from the deck's middle) and `tilt` (rad, to the deck) are those of the first touch. `speed` (m/s) is the
     greatest of any sole along the deck's normal.
     """
-    level = coarse(tilt, math.radians(w.touch_tilt_deg))
-    return torch.where(settling, (coarse(error, w.touch_error) + coarse(speed, w.touch_speed) + level) / 3, 0.0)
-
-
-def failure(ended: Endings) -> Tensor:
-    """-1 where an aircraft's episode has ended in any way but a landing."""
-    return penalty(ended.any & ~ended["landed"])
+    level = coarse(tilt, math.radians(scales[2]))
+    return torch.where(settling, (coarse(error, scales[0]) + coarse(speed, scales[1]) + level) / 3, 0.0)
 
 
 class RewardedAircraft(Protocol):
@@ -66,12 +42,37 @@ class RewardedAircraft(Protocol):
     touch_tilt: Tensor
 
 
-AIRCRAFT_TERMS: dict[str, Callable[[RewardedAircraft, Endings, AircraftReward], Tensor]] = {
-    "closing": lambda team, ended, w: (team.before - team.to_go) / team.interval,
-    "time": lambda team, ended, w: penalty(~team.touched),
-    "touch": lambda team, ended, w: touchdown(team.settling, team.touch_error, team.touch_speed, team.touch_tilt, w),
-    "landed": lambda team, ended, w: ended["landed"].to(team.distance),
-    "failed": lambda team, ended, w: failure(ended),
-    "action_rate": lambda team, ended, w: action_rate(team.action, team.previous_action),
+def closing(team: RewardedAircraft) -> Tensor:
+    """How fast the time falls that it takes to the deck's middle, s/s."""
+    return (team.before - team.to_go) / team.interval
+
+
+def time(team: RewardedAircraft) -> Tensor:
+    """-1 until the first touch."""
+    return penalty(~team.touched)
+
+
+def touch(team: RewardedAircraft, error: Positive = 0.2, speed: Positive = 0.6, tilt_deg: Positive = 7.0) -> Tensor:
+    """Once all soles are down: a third each for how near the middle (m), how soft (m/s) and how level (deg)."""
+    return touchdown(team.settling, team.touch_error, team.touch_speed, team.touch_tilt, (error, speed, tilt_deg))
+
+
+def landed(ended: Endings) -> Tensor:
+    """1 when it has landed."""
+    return -penalty(ended["landed"])
+
+
+def failed(ended: Endings) -> Tensor:
+    """-1 at any other end."""
+    return penalty(ended.any & ~ended["landed"])
+
+
+AIRCRAFT_TERMS = {
+    "closing": Term(closing, 1.0),
+    "time": Term(time, 0.6),
+    "touch": Term(touch, 100.0),
+    "landed": Term(landed, 60.0),
+    "failed": Term(failed, 200.0),
+    "action_rate": Term(steady, 0.02),
 }
-"""A weight's name -> its term, of aircraft (aircraft.py), their endings, and the weights."""
+"""Terms of aircraft (aircraft.py)."""
