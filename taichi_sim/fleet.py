@@ -38,11 +38,9 @@ from taichi_sim.kernels.rotation import (
     derive,
     torch_euler_from_quaternion,
 )
-from taichi_sim.kernels.runtime import Launcher
+from taichi_sim.kernels.runtime import LARGE, Launcher
 from taichi_sim.models.contact.leg_contact import Touch
 from taichi_sim.state.memory import Remembers
-
-VEHICLE_STEP = 4e3  # ns, approximate time of a control step of one vehicle: more for hulls, less for others
 
 
 class Model(Protocol):
@@ -196,7 +194,6 @@ class Fleet(Views[M]):
         self.surface = self.remember(torch.zeros((num_envs, count, SURFACE_SIZE), **options))
         self.surface[..., FREEBOARD] = NO_DECK
         self.action = self.remember(torch.zeros((num_envs, count, max(len(model.action_names), 1)), **options))
-        self.few = runtime.few(num_envs * count, VEHICLE_STEP)
         self._vary: Tensor | None = self.remember(None)
         self._numbers: Tensor | None = self.remember(None)
         self._load: Tensor | None = self.remember(None)
@@ -280,7 +277,7 @@ class Fleet(Views[M]):
         """
         key = id(kernel._primal), id(getattr(kernel, "_kernel_owner", None))
         if key not in self._launchers:
-            self._launchers[key] = Launcher(kernel, plain=plain)
+            self._launchers[key] = Launcher(kernel, plain=plain, few=LARGE)
         self._launchers[key](*args)
 
     def diverged(self) -> Tensor | None:
@@ -300,8 +297,7 @@ class Fleet(Views[M]):
         else:
             self._which.zero_()
             self._which[envs] = 1
-        rows = self.num_envs if envs is None else len(envs)
-        self._derive(self.derived, self.state, self._which, runtime.few(rows * self.count))
+        self._derive(self.derived, self.state, self._which, envs=None if envs is None else len(envs))
 
     # -- outside loads and numbers of its own ----------------------------------------------------------------------
 

@@ -216,7 +216,7 @@ class Vehicle:
 
     def build(self, fleet: Fleet, around: Surroundings) -> Build:
         """Compile-time choices of a kernel for `fleet` in these surroundings."""
-        return Build(around.sea.shape[2], around.depth > 0, fleet.varied, fleet.loaded, serial=fleet.few)
+        return Build(around.sea.shape[2], around.depth > 0, fleet.varied, fleet.loaded)
 
     def equations(self, state: Tensor, controls: Tensor, current: Tensor, wind: Tensor, load: Tensor) -> Tensor:
         """The right-hand side alone: `rhs` with checked, contiguous tensors of the run's precision and device."""

@@ -145,14 +145,12 @@ def test_a_launch_goes_from_one_set_of_tensors_to_another_and_back(f64):
 def test_a_few_vehicles_on_the_calling_thread_move_as_many_do():
     """To rounding: the two are compiled apart."""
     runtime.init(precision="f64", threads=2)
-    assert runtime.few(10, 100.0)
-    assert not runtime.few(10_000, 100.0)
     for vehicle in ("unity_boat", "unity_aircraft"):
         few, many = Bench(vehicle, envs=2, seed=3), Bench(vehicle, envs=200, seed=3)
-        assert few.fleet.few
-        assert not many.fleet.few
         action = (0.5, 0.2, 0.1)[: len(few.model.action_names)]
         torch.testing.assert_close(few.step(action, 20).state, many.step(action, 20).state[:2], rtol=0, atol=1e-11)
+        launchers = [next(iter(bench.fleet._launchers.values())) for bench in (few, many)]
+        assert [launcher._bound[0].serial for launcher in launchers] == [True, False]
 
 
 def test_torch_has_its_threads_back_after_a_rest():

@@ -47,6 +47,7 @@ from rl.guidance.targets_and_errors import COURSE_RATE, SLOT_VELOCITY, row_of
 from rl.guidance.targets_and_errors import V as VELOCITY
 from rl.perception.sensors import Mate, Obstacle
 from taichi_sim.config import NonNegative, Positive, Strict
+from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.conventions import EAST, NORTH
 from taichi_sim.kernels.packs import values_at
@@ -64,7 +65,6 @@ STEPS = 5  # number of shares of a correction that are tried
 SOONEST = 0.5  # s: lower bound of t, so that leaving a berth is better than moving along it
 ROUNDING = 1e-3  # of a bound that must hold in spite of rounding
 WITHOUT_END = 1e30  # more than any risk
-AVOID = 500.0  # ns per vehicle, about: few vehicles have something in their way
 
 
 class AvoidanceGains(Strict):
@@ -197,7 +197,7 @@ def apart(a, b):
 
 @ti.kernel
 def _avoid(velocity: array3, around: KnownPack, kind: ti.template(), form: ti.template()):
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(velocity.shape[0], velocity.shape[1]):
         g = values_at(kind, around.numbers)
         direct = taken(velocity, e, i, NORTH, 2)
@@ -243,7 +243,7 @@ def _avoid(velocity: array3, around: KnownPack, kind: ti.template(), form: ti.te
 
 @ti.kernel
 def _shield(velocity: array3, correction: array3, around: KnownPack, kind: ti.template(), form: ti.template()):
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(velocity.shape[0], velocity.shape[1]):
         g = values_at(kind, around.numbers)
         own, change = taken(velocity, e, i, NORTH, 2), taken(correction, e, i, NORTH, 2)
@@ -267,7 +267,7 @@ class Avoider:
 
     def __init__(self, gains: AvoidanceGains, kernel: Callable[..., object] = _avoid):
         """Use these gains; `kernel` chooses among velocities."""
-        self._kernel = TeamKernel(kernel, AVOID, gains.model_dump(include=set(AvoidanceGains.model_fields)))
+        self._kernel = TeamKernel(kernel, gains.model_dump(include=set(AvoidanceGains.model_fields)), runtime.MEDIUM)
 
     def __call__(self, team: Knowledge, velocity: Tensor, *correction: Tensor) -> Tensor:
         """The velocity [env, vehicle, 2 or 3] (m/s) nearest to `velocity` with which `team` keeps clear."""

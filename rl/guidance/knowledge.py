@@ -82,7 +82,6 @@ class KnownForm(NamedTuple):
     mates: int
     stops: bool  # the vehicle can stop
     about: bool  # slots are offsets from the target, not from the leader
-    serial: bool  # run on the calling thread
 
 
 class TeamKernel:
@@ -92,9 +91,9 @@ class TeamKernel:
     struct of its numbers (`values_at`), and a `KnownForm`.
     """
 
-    def __init__(self, kernel: Callable[..., object], each: float, numbers: Mapping[str, float]):
-        """Take a kernel of `each` ns per vehicle, about; "radius", that of a vehicle (m), joins its `numbers`."""
-        self._launch, self._each, self._numbers = runtime.Launcher(kernel, plain=True), each, numbers
+    def __init__(self, kernel: Callable[..., object], numbers: Mapping[str, float], few: int = runtime.SMALL):
+        """Take a kernel; "radius", that of a vehicle (m), joins its `numbers`. `few`: see `runtime.Launcher`."""
+        self._launch, self._numbers = runtime.Launcher(kernel, plain=True, few=few), numbers
         self._team: Knowledge | None = None
 
     def __call__(self, team: Knowledge, out: Tensor | int, *given: Tensor) -> Tensor:
@@ -107,10 +106,7 @@ class TeamKernel:
                 obstacles=sensor.obstacles, mates=sensor.team_mates,
                 numbers=fleet.state.new_tensor([*self._numbers.values(), team.radius]),
             )  # fmt: skip
-            serial = runtime.few(fleet.num_envs * fleet.count, self._each)
-            self._form = KnownForm(
-                team.axes, sensor.num_obstacles, sensor.num_mates, limits.stops, team.now.about, serial
-            )
+            self._form = KnownForm(team.axes, sensor.num_obstacles, sensor.num_mates, limits.stops, team.now.about)
         if isinstance(out, int):
             out = fleet.state.new_empty((fleet.num_envs, fleet.count, out))
         kind = struct_of((*self._numbers, "radius"), runtime.current().precision)

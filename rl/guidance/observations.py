@@ -63,7 +63,6 @@ AGE_SCALE = 1.0  # s, age of the last message
 CHANGE_SCALE = 3.0  # m/s, where a squashed change of velocity is half way to 1
 AHEAD_SCALE, ASIDE_SCALE, CLEAR_SCALE = 20.0, 5.0, 2.0  # m, of encounters
 SLOWEST = 0.1  # m/s: a slower approach has no direction
-OBSERVE = 80.0  # ns per vehicle, about
 
 MEETING = 3  # numbers of an encounter: distance ahead, distance aside, gap
 
@@ -118,7 +117,6 @@ class ObservationForm(NamedTuple):
     radio: bool = False
     air: tuple[int, ...] = ()  # columns of `aux`: airspeed; velocity of the air, north, east, down
     speeds: tuple[float, ...] = ()  # airspeeds: lowest, cruise, highest, m/s
-    serial: bool = False  # run on the calling thread
     at: tuple[int, ...] = ()  # the column in which each term begins (`columns`)
 
 
@@ -267,7 +265,7 @@ def put_reference(out: ti.template(), e, i, at: ti.template(), axes: ti.template
 
 @ti.kernel
 def _observe(out: array3, seen: SeenPack, action: array3, reference: array3, form: ti.template()):
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(out.shape[0], out.shape[1]):
         n = ti.static(1 + form.axes)
         put(out, e, i, form.at.sight, n, seen.table, SIGHT)
@@ -295,12 +293,11 @@ class ObservationWriter:
         """Observe what `team` knows; `residual` is the number of values that a residual policy corrects."""
         fleet, model, signals = team.fleet, team.fleet.model, team.sensor.signals
         air, speeds = air_columns(model)
-        serial = runtime.few(fleet.num_envs * fleet.count, OBSERVE)
         actions = len(model.action_names)
         radio = team.radio
         form = ObservationForm(
             team.axes, signals.shape[-1], actions, kind == "full", team.sensor.num_obstacles, team.sensor.num_mates,
-            residual, radio is not None, air, speeds, serial,
+            residual, radio is not None, air, speeds,
         )  # fmt: skip
         self._form = form._replace(at=columns(widths(form)))
         self._shape = fleet.num_envs, fleet.count, sum(widths(self._form).values())

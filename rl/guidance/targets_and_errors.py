@@ -41,7 +41,6 @@ NORTH, EAST, DOWN, COURSE, COS, SIN, COURSE_RATE, SPEED, TARGET_SIZE = range(9)
 TARGET_SPEED, INTERVAL, WIND_FACTOR, OVER_AIR = range(4)  # parameters of the kernel
 
 DRIFT_TIME, DRIFT_SCALE = 10.0, 1.0  # s, m, of the mean error; assumed
-POINT = 60.0  # ns of one target, about
 SIGMAS = 3.0  # standard deviations of the slow variation in the strongest wind
 LEAST_SHARE = 0.2  # of the airspeed, the least speed over ground; assumed: the wind must leave that much
 
@@ -96,9 +95,8 @@ TrackPack = ti.types.argpack(rows=array2, length=array1, wind=array2, numbers=ar
 def _follow(
     target: array3, progress: array1,
     env_world: ti.types.ndarray(dtype=ti.i64, ndim=1), track: TrackPack, which: whole1,
-    serial: ti.template(),
 ):  # fmt: skip
-    ti.loop_config(serialize=serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e in range(target.shape[0]):
         if which[e] != NOT_DUE:
             if which[e] == GOES_ON:
@@ -149,14 +147,12 @@ class Targets(Remembers):
 
     def move(self, due: Due) -> None:
         """Move targets by an interval where an episode goes on, to `progress` where one begins."""
-        serial = runtime.few(due.count, each=POINT)
-        self._launch(self.table, self.progress, self._env_world, self._track(), due.which, serial)
+        self._launch(self.table, self.progress, self._env_world, self._track(), due.which, envs=due.count)
 
 
 DISTANCE_SCALE = 10.0  # m, where squashed distances are half way to 1
 NEAR = 1e-3  # m: a slot nearer than this has no direction
 V = VELOCITY_N.start
-MEASURE = 60.0  # ns per vehicle, about
 
 # Columns of the table of errors, each three wide, except sights (distance and direction).
 SLOT, SLOT_VELOCITY, ERROR, ERROR_RATE, ERROR_B, ERROR_RATE_B, COURSE_B = range(0, 21, 3)
@@ -177,7 +173,6 @@ class ErrorsForm(NamedTuple):
     heard: bool  # followers know their leader from radio messages (rl/perception/radio.py)
     about: bool  # slots are offsets from the target, not from the leader
     forgets: float  # share of the mean error that the newest one replaces
-    serial: bool  # run on the calling thread
 
 
 @ti.func
@@ -228,7 +223,7 @@ def own_frame(derived: ti.template(), e, i, axes: ti.template(), v):
 
 @ti.kernel
 def _measure(out: ErrorsPack, team: TeamPack, which: whole1, form: ti.template()):
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(team.state.shape[0], team.state.shape[1]):
         if which[e] != NOT_DUE:
             r = row_of(team.target, i)
@@ -325,7 +320,7 @@ class Geometry(SlotErrors):
         state = fleet.state
         super().__init__(state, axes, about=about)
         self._forgets = -math.expm1(-interval / DRIFT_TIME)
-        self._heard, self._rows, self._launch = heard is not None, state.shape[1], runtime.Launcher(_measure)
+        self._heard, self._launch = heard is not None, runtime.Launcher(_measure)
         self._errors = runtime.Packed(ErrorsPack, table=self.table, plain=self._plain)
         self._team = runtime.Packed(
             TeamPack, target=target, down=state.new_tensor([down]), slots=slots, state=state, derived=fleet.derived,
@@ -334,9 +329,8 @@ class Geometry(SlotErrors):
 
     def measure(self, due: Due) -> None:
         """Measure in the environments that are `due`."""
-        serial = runtime.few(due.count * self._rows, MEASURE)
-        form = ErrorsForm(self.axes, self._heard, self.about, self._forgets, serial)
-        self._launch(self._errors(), self._team(), due.which, form)
+        form = ErrorsForm(self.axes, self._heard, self.about, self._forgets)
+        self._launch(self._errors(), self._team(), due.which, form, envs=due.count)
 
 
 def to_starboard(vector: Tensor) -> Tensor:

@@ -36,7 +36,6 @@ from taichi_sim.state.memory import Remembers
 # before the first), time since it began (s).
 NORTH, EAST, V_NORTH, V_EAST, P_PP, P_PV, P_VV, AGE, SINCE, TRACK = range(10)
 OLDEST = 30.0  # s: older sightings are ignored
-KEEP = 25.0  # ns of one vehicle, object and sender, about
 
 
 class SightingReport:
@@ -94,7 +93,7 @@ def carried_on(t: ti.template(), dt, q):
 def _keep(
     chart: ChartPack, radio: TalkPack, which: whole1, steps: ti.types.ndarray(dtype=ti.i64, ndim=1), form: ti.template()
 ):
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(chart.tracks.shape[0], chart.tracks.shape[1]):
         if which[e] != NOT_DUE:
             dt, other, age = chart.assumed[0], source(radio, e, form), radio.heard.shape[3] - 1
@@ -132,9 +131,9 @@ def _keep(
 
 
 @ti.kernel
-def _say(chart: ChartPack, radio: TalkPack, which: whole1, serial: ti.template()):
+def _say(chart: ChartPack, radio: TalkPack, which: whole1):
     """Write the last sighting of every object into the next message."""
-    ti.loop_config(serialize=serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(chart.sightings.shape[0], chart.sightings.shape[1]):
         if which[e] != NOT_DUE:
             for k in range(chart.sightings.shape[2]):
@@ -165,8 +164,7 @@ class Chart(Remembers):
             ChartPack, tracks=self.tracks, sightings=sightings, looked=self._looked,
             assumed=sightings.new_tensor([interval, *numbers]),
         )  # fmt: skip
-        self._rows = vehicles * vehicles * objects
-        self._keep, self._say = runtime.Launcher(_keep), runtime.Launcher(_say)
+        self._keep, self._say = runtime.Launcher(_keep, few=runtime.LARGE), runtime.Launcher(_say)
 
     def begin(self, envs: Tensor) -> None:
         """Clear all tracks in environments `envs` [n]."""
@@ -177,12 +175,11 @@ class Chart(Remembers):
 
     def say(self, due: Due) -> None:
         """Write sightings into the next messages; call before `Radio.talk`."""
-        self._say(self._chart(), self._radio.pack(), due.which, runtime.few(due.count * self._rows, KEEP))
+        self._say(self._chart(), self._radio.pack(), due.which, envs=due.count)
 
     def keep(self, due: Due) -> None:
         """Update tracks by sightings and messages."""
-        form = self._radio.form._replace(serial=runtime.few(due.count * self._rows, KEEP))
-        self._keep(self._chart(), self._radio.pack(), due.which, due.steps, form)
+        self._keep(self._chart(), self._radio.pack(), due.which, due.steps, self._radio.form, envs=due.count)
 
 
 def width_of(objects: int) -> int:

@@ -9,7 +9,7 @@ A chart (chart.py) holds what all have sighted. Frame: NED.
 import taichi as ti
 from torch import Tensor
 
-from rl.perception.chart import AGE, EAST, KEEP, NORTH, P_PP, V_EAST, V_NORTH, Chart
+from rl.perception.chart import AGE, EAST, NORTH, P_PP, V_EAST, V_NORTH, Chart
 from rl.perception.radio import NEVER
 from rl.perception.sensors import Nearby, Sight, insert, store_obstacle
 from rl.perception.sightings import Object
@@ -27,7 +27,7 @@ FromPack = ti.types.argpack(tracked=array4, objects=array3, state=array3, derive
 
 @ti.kernel
 def _nearest(out: ChartedPack, of: FromPack, which: whole1, sight: ti.template()):
-    ti.loop_config(serialize=sight.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(of.state.shape[0], of.state.shape[1]):
         if which[e] != NOT_DUE:
             reach, vague, own = of.limits[0], of.limits[1], ti.cast(of.limits[2], ti.i32) + i
@@ -68,10 +68,9 @@ class ChartedObjects(TrackedObjects):
         )  # fmt: skip
         self._nearest = runtime.Packed(ChartedPack, obstacles=self.obstacles, signals=self.written)
         self._sight = Sight(self.num_obstacles, self.num_mates, self.axes)
-        self._each, self._find = own.state.shape[1] * objects.shape[1], runtime.Launcher(_nearest)
+        self._find = runtime.Launcher(_nearest, few=runtime.MEDIUM)
 
     def update(self, due: Due) -> None:
         """Measure, and read the chart, in the environments that are `due`."""
         super().update(due)
-        sight = self._sight._replace(serial=runtime.few(due.count * self._each, KEEP))
-        self._find(self._nearest(), self._charted(), due.which, sight)
+        self._find(self._nearest(), self._charted(), due.which, self._sight, envs=due.count)

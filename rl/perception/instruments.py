@@ -35,7 +35,6 @@ from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix, sto
 from taichi_sim.kernels.runtime import array1, array3, whole1
 from taichi_sim.vehicle import Vehicle
 
-READ = 250.0  # ns of one vehicle, about
 EVERYBODY = 1 << 20  # number, among the random numbers, of errors that all vehicles of an environment share
 OWN, COMMON, HEADING, LOG, HEIGHT, AIRSPEED, MEMORY = 0, 2, 4, 5, 8, 9, 10  # columns of `memory`
 
@@ -157,7 +156,6 @@ class InstrumentsForm(NamedTuple):
     over_ground: bool = False  # velocity is measured in n, not in b
     air_data: tuple[int, ...] = ()  # columns of `aux`: airspeed, alpha, beta
     air: tuple[int, ...] = ()  # of the air's velocity, north, east, down
-    serial: bool = False  # run on the calling thread
 
 
 @ti.func
@@ -198,7 +196,7 @@ def read_air(out: ti.template(), e, i, g: ti.template(), z, z_more, R, v_n, form
 
 @ti.kernel
 def _read(out: ReadPack, truth: TruthPack, which: whole1, draws: whole1, kind: ti.template(), form: ti.template()):
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(truth.true_state.shape[0], truth.true_state.shape[1]):
         if which[e] != NOT_DUE:
             n = ti.static(len(kind.members))
@@ -268,10 +266,9 @@ class Readings(Views[Vehicle]):
         air_data = tuple(names.index(name) for name in measured) if set(measured) <= set(names) else ()
         air = tuple(names.index(name) for name in model.air) if air_data and model.air is not None else ()
         self._form = InstrumentsForm(vehicles, model.medium == "air", air_data, air)
-        self._launch = runtime.Launcher(_read, plain=True)
+        self._launch = runtime.Launcher(_read, plain=True, few=runtime.MEDIUM)
 
     def read(self, due: Due) -> None:
         """Measure in the environments that are `due`."""
         kind = struct_of(self._numbers._fields, runtime.current().precision)
-        form = self._form._replace(serial=runtime.few(due.count * self.count, READ))
-        self._launch(self._out(), self._truth(), due.which, due.draws, kind, form)
+        self._launch(self._out(), self._truth(), due.which, due.draws, kind, self._form, envs=due.count)

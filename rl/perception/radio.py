@@ -32,7 +32,6 @@ from taichi_sim.state.memory import Remembers
 NEVER = 1e6  # s, age of a message that was never received
 MOST = 64  # vehicles of a team
 INTERVAL, RANGE, LOSS = range(3)  # numbers of the kernel: of a decision, s; m; of all messages
-TALK = 40.0  # ns of one receiver and sender, about
 
 
 class Message:
@@ -63,7 +62,6 @@ class RadioForm(NamedTuple):
     vehicles: int  # number of the first vehicle among the random numbers
     known: bool = True  # everybody has heard everybody as an episode begins
     shift: int = 0  # environments
-    serial: bool = False  # run on the calling thread
 
     @property
     def slots(self) -> int:
@@ -109,7 +107,7 @@ def gets_there(radio: ti.template(), e, i, k, env, clock, seed, form: ti.templat
 
 @ti.kernel
 def _send(radio: TalkPack, which: whole1, steps: ti.types.ndarray(dtype=ti.i64, ndim=1), form: ti.template()):
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(radio.said.shape[0], radio.said.shape[1]):
         if which[e] == GOES_ON:
             slot = ti.cast(steps[e], ti.i32) % ti.static(form.slots)
@@ -125,7 +123,7 @@ def _send(radio: TalkPack, which: whole1, steps: ti.types.ndarray(dtype=ti.i64, 
 def _receive(
     radio: TalkPack, which: whole1, steps: ti.types.ndarray(dtype=ti.i64, ndim=1), draws: whole1, form: ti.template()
 ):
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(radio.said.shape[0], radio.said.shape[1]):
         if which[e] != NOT_DUE:
             n, age, other = radio.said.shape[1], radio.heard.shape[3] - 1, source(radio, e, form)
@@ -204,6 +202,5 @@ class Radio(Remembers):
 
     def talk(self, due: Due) -> None:
         """Send and receive in the environments that are `due`."""
-        form = self.form._replace(serial=runtime.few(due.count * self._each**2, TALK))
-        self._send(self.pack(), due.which, due.steps, form)
-        self._receive(self.pack(), due.which, due.steps, due.draws, form)
+        self._send(self.pack(), due.which, due.steps, self.form, envs=due.count)
+        self._receive(self.pack(), due.which, due.steps, due.draws, self.form, envs=due.count)

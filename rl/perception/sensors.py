@@ -31,7 +31,6 @@ WIDTH = 8  # obstacles in a vector
 FAR = 1e9  # m: below any bottom
 
 V = VELOCITY_N.start
-LOOK = 150.0  # ns of one vehicle, about
 SPEED_SCALE = 10.0  # m/s, where an obstacle's squashed speed is half way to 1
 
 
@@ -59,7 +58,6 @@ class Sight(NamedTuple):
     axes: int  # of the vehicle's own frame
     field: int = 1  # obstacles in a world: a loop of known length is unrolled over whole vectors
     moving: bool = False  # whether there are bodies that move
-    serial: bool = False  # run on the calling thread
 
 
 @ti.func
@@ -219,7 +217,7 @@ def _sense(
     out: SensedPack, team: SensingPack, field: array3, bodies: array3,
     env_world: ti.types.ndarray(dtype=ti.i64, ndim=1), which: whole1, sight: ti.template(),
 ):  # fmt: skip
-    ti.loop_config(serialize=sight.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(team.state.shape[0], team.state.shape[1]):
         if which[e] != NOT_DUE:
             w, reach, radius = env_world[e], team.numbers[REACH], team.numbers[BODY]
@@ -322,9 +320,8 @@ class Sensor(Nearby):
         which, count = (self._all, len(self._all)) if due is None else due[:2]
         moving = bodies is not None and bodies.present
         table = bodies.table if bodies is not None and moving else self._nobody
-        serial = runtime.few(count * self.gap.shape[1], LOOK)
-        sight = self._sight._replace(field=self._columns.shape[2], moving=moving, serial=serial)
-        self._launch(self._sensed(), self._team(), self._columns, table, env_world, which, sight)
+        sight = self._sight._replace(field=self._columns.shape[2], moving=moving)
+        self._launch(self._sensed(), self._team(), self._columns, table, env_world, which, sight, envs=count)
 
 
 def _padded(columns: torch.Tensor) -> torch.Tensor:

@@ -51,7 +51,6 @@ from taichi_sim.state.memory import Remembers
 UNSEEN = -1.0  # variance of a sighting that has not been made
 VARIANCE_FLOOR = 1e-4  # m^2, of exact measurements
 LEAST_SLOPE = 0.02  # of a line of sight: a flatter one meets the sea too far away
-SEE = 40.0  # ns of one observer and object, about
 POINTS = 8  # of a lookout's line of sight at which the sea is looked at
 
 
@@ -116,7 +115,6 @@ class ObserverForm(NamedTuple):
 
     first: int  # number of the first among all observers
     vehicles: int  # number of the first vehicle among the random numbers
-    serial: bool = False  # run on the calling thread
 
 
 class LookoutConfig(Strict):
@@ -152,7 +150,7 @@ def _see(
     out: CameraPack, true: TruePack, own: OwnPack, which: whole1, draws: whole1, kind: ti.template(),
     form: ti.template(),
 ):  # fmt: skip
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(own.state.shape[0], own.state.shape[1]):
         if which[e] != NOT_DUE:
             g, node = values_at(kind, out.numbers), i + form.first
@@ -189,7 +187,7 @@ def _look_out(
     out: LookoutPack, true: TruePack, own: OwnPack, which: whole1, draws: whole1, kind: ti.template(),
     form: ti.template(),
 ):  # fmt: skip
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(own.state.shape[0], own.state.shape[1]):
         if which[e] != NOT_DUE:
             g = values_at(kind, out.numbers)
@@ -226,16 +224,15 @@ class Observers(Remembers):
         true: Views, own: Views, objects: Tensor,
     ):  # fmt: skip
         """Let observers, whose true and measured states are `true` and `own`, look at `objects` [env, object, n]."""
-        self._rows, self._fields, self._form = own.state.shape[1] * objects.shape[1], numbers._fields, form
-        self._pack, self._launch = pack, runtime.Launcher(kernel)
+        self._fields, self._form = numbers._fields, form
+        self._pack, self._launch = pack, runtime.Launcher(kernel, few=runtime.MEDIUM)
         self._true = runtime.Packed(TruePack, true_state=true.state, true_derived=true.derived)
         self._at = runtime.Packed(OwnPack, state=own.state, derived=own.derived)
 
     def see(self, due: Due) -> None:
         """Look in the environments that are `due`."""
         kind = struct_of(self._fields, runtime.current().precision)
-        form = self._form._replace(serial=runtime.few(due.count * self._rows, SEE))
-        self._launch(self._pack(), self._true(), self._at(), due.which, due.draws, kind, form)
+        self._launch(self._pack(), self._true(), self._at(), due.which, due.draws, kind, self._form, envs=due.count)
 
 
 class Camera(Observers):

@@ -40,7 +40,6 @@ MOST_DROPOUT = 0.99  # share of measurements, the most after scaling
 VARIANCE_FLOOR = 1e-4  # m^2: of what is measured exactly
 LUCK = 16  # streams of random numbers after those of noise
 V = VELOCITY_N.start
-TRACK = 400.0  # ns of one vehicle, about
 
 
 class ObjectsConfig(Strict):
@@ -105,7 +104,6 @@ class ObjectsForm(NamedTuple):
     sight: Sight
     late: int
     vehicles: int  # number of the first vehicle among the random numbers
-    serial: bool = False  # run on the calling thread
 
 
 @ti.func
@@ -243,7 +241,7 @@ def _contact(
     out: ObjectsPack, true: TruePack, own: OwnPack, which: whole1, steps: ti.types.ndarray(dtype=ti.i64, ndim=1),
     draws: whole1, kind: ti.template(), form: ti.template(),
 ):  # fmt: skip
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(own.state.shape[0], own.state.shape[1]):
         if which[e] != NOT_DUE:
             g = values_at(kind, own.numbers)
@@ -304,10 +302,11 @@ class TrackedObjects(Nearby):
             OwnPack, state=own.state, derived=own.derived, numbers=state.new_tensor(self._numbers)
         )
         self._form = ObjectsForm(Sight(sensor.num_obstacles, sensor.num_mates, sensor.axes), config.late, vehicles)
-        self._rows, self._launch = state.shape[1], runtime.Launcher(_contact, plain=True)
+        self._launch = runtime.Launcher(_contact, plain=True, few=runtime.MEDIUM)
 
     def update(self, due: Due) -> None:
         """Measure in the environments that are `due`."""
         kind = struct_of(ObjectsNumbers._fields, runtime.current().precision)
-        form = self._form._replace(serial=runtime.few(due.count * self._rows, TRACK))
-        self._launch(self._out(), self._true(), self._own(), due.which, due.steps, due.draws, kind, form)
+        self._launch(
+            self._out(), self._true(), self._own(), due.which, due.steps, due.draws, kind, self._form, envs=due.count
+        )

@@ -49,7 +49,11 @@ class Build(NamedTuple):
     air: Hashable = None  # kind of air (uav/local_air.py), for models that use it
     decked: bool = False  # whether there are decks to stand on, so that `fleet.touch` is read
     width: int = 1  # number of vehicles that a loop takes at a time (abreast.py)
-    serial: bool = False  # whether to run on the calling thread, because waking other threads would cost more
+
+    @property
+    def serial(self) -> bool:
+        """Whether the kernel that is being compiled runs on the calling thread."""
+        return runtime.loop.serial
 
     @property
     def block(self) -> int:

@@ -49,7 +49,6 @@ LN2_HI, LN2_LO = 0.693359375, -2.12194440e-4  # ln 2 split in two, so that n LN2
 TWO_PI = 6.283185307179586
 DIGITS, EXPONENT_23 = (1 << 23) - 1, 0x4B000000  # mask of the digits of an f32; 2^23 as an f32
 KEPT, ADDED = range(2)  # numbers of a slow variation's step: share that is kept, deviation of the noise
-WALK = 60.0  # ns per environment of a step of `SlowVariation`, approximate
 FIRST_FORKED = 1 << 24  # first key of copies that draw noise of their own; above the number of any environment
 
 
@@ -200,8 +199,8 @@ def as_i32(x: int) -> int:
 
 
 @ti.kernel
-def _walk(value: array2, numbers: array1, count: whole1, serial: ti.template()):
-    ti.loop_config(serialize=serial)
+def _walk(value: array2, numbers: array1, count: whole1):
+    ti.loop_config(serialize=runtime.loop.serial)
     for e in range(value.shape[0]):
         z = normal6(count[SEED], SLOW_VARIATION, count[KEY + e], 0, count[CLOCK])
         for a in ti.static(range(2)):
@@ -248,7 +247,7 @@ class SlowVariation(Remembers):
         self._numbers, self._step = self.scratch(self.value.new_zeros(2)), self.scratch(0.0)
         self._noise = self.remember(Noise(num_envs))
         self._generator = self.share(torch.Generator(device=run.device))
-        self._launch, self._serial = runtime.Launcher(_walk), runtime.few(num_envs, WALK)
+        self._launch = runtime.Launcher(_walk)
         self.reseed(seed)
 
     def reseed(self, seed: int) -> None:
@@ -272,4 +271,4 @@ class SlowVariation(Remembers):
                 self._step, self._numbers[KEPT] = dt, math.exp(decay)
                 self._numbers[ADDED] = self._std * math.sqrt(-math.expm1(2 * decay))
             self._noise.tick()
-            self._launch(self.value, self._numbers, self._noise.table, self._serial)
+            self._launch(self.value, self._numbers, self._noise.table)

@@ -16,7 +16,7 @@ import taichi as ti
 import taichi.math as tm
 import torch
 
-from taichi_sim.kernels import fast_maths
+from taichi_sim.kernels import fast_maths, runtime
 from taichi_sim.kernels.abreast import put, some, taken
 from taichi_sim.kernels.conventions import (
     HEAVE,
@@ -246,9 +246,9 @@ def rotated_back(derived: ti.template(), e, i, v):
 
 
 @ti.kernel
-def derive(derived: array3, state: array3, which: whole1, serial: ti.template()):
+def derive(derived: array3, state: array3, which: whole1):
     """Fill `derived` from `state` (columns as in conventions.py) in environments whose `which` [env] is not 0."""
-    ti.loop_config(serialize=serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(state.shape[0], state.shape[1]):
         if which[e] != 0:
             R = rotation_matrix(taken(state, e, i, QW, 4))

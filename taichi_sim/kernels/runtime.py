@@ -15,6 +15,7 @@ done within `own_settings`, which also lets one thread work at a time.
 
 import atexit
 import contextlib
+import copy
 import ctypes
 import io
 import os
@@ -24,7 +25,7 @@ import tempfile
 import threading
 import time
 import weakref
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal, NamedTuple, cast
@@ -327,16 +328,24 @@ def _end() -> None:
 
 
 BLOCK = 64  # turns of a loop that a thread takes at a time; vehicles' loops have fewer (packs.Build.block)
-WAKE_UP = 70e3  # ns; time of a launch to wake the threads and to wait for them
+SMALL, MEDIUM, LARGE = 1024, 384, 35
+"""Turns of a loop from which on other threads are woken for it, for a kernel of about 0.1, 0.4, or 4 us a turn."""
 
 
-def few(items: int, each: float = 100.0) -> bool:
-    """Whether a loop over `items` of `each` ns is faster on the calling thread (`ti.loop_config(serialize=...)`).
+class loop:  # noqa: N801 (an attribute of it is read in kernels)
+    """How a kernel that is being compiled runs its loop: `ti.loop_config(serialize=runtime.loop.serial)`."""
 
-    On a GPU it never is: the tensors stay on the device. The number of threads is ignored on purpose. The two loops are
-    compiled separately and may round differently, and the bits must be the same on any number of threads.
-    """
-    return current().arch == "cpu" and items * each < 2 * WAKE_UP
+    serial = False
+
+    @classmethod
+    @contextlib.contextmanager
+    def run(cls, serial: bool) -> Iterator[None]:
+        """Within this context, compile kernels for the calling thread, if `serial`."""
+        cls.serial = serial
+        try:
+            yield
+        finally:
+            cls.serial = False
 
 
 class own_settings(contextlib.ContextDecorator):  # noqa: N801 (a context, used like a function)
@@ -443,6 +452,7 @@ class _Bound(NamedTuple):
     args: tuple[object, ...]
     compiled: object
     context: Any  # Taichi's launch context: the arguments of one launch
+    serial: bool  # on the calling thread
 
 
 class Launcher:
@@ -454,13 +464,20 @@ class Launcher:
     are the same objects (tuples also if they are equal). Other tensors of the same types are bound anew without
     compiling, at a third of the cost of a plain call.
 
+    A launch of few turns runs on the calling thread, because to wake the others takes longer (70 us on two cores). On a
+    GPU none does: the tensors stay on the device. The number of threads is ignored on purpose: the two loops are
+    compiled separately and may round differently, and the bits must be the same on any number of threads.
+
     This class uses internals of Taichi 1.7. pyproject.toml pins that version.
     """
 
     KEPT = 2
 
-    def __init__(self, kernel: Callable[..., object], *, plain: bool = False):
+    def __init__(self, kernel: Callable[..., object], *, plain: bool = False, few: int = SMALL):
         """Take a kernel, or a kernel of an object: `model.step_kernel`.
+
+        A turn of its loop is an environment's vehicle, by the first two axes of its first tensor; below `few` of them
+        it runs on the calling thread.
 
         A `plain` kernel is compiled without Taichi's own passes: LLVM alone optimises it. A large kernel with many
         branches then compiles in a quarter to an eighth of the time; a vehicle's equations of motion lose up to 7 % of
@@ -475,23 +492,25 @@ class Launcher:
         self._bound: list[_Bound] = []
         self._last: _Bound | None = None  # of `once`, with the types of tensors in their place
         self._compiled: dict[tuple[Hashable, ...], tuple[Any, object]] = {}  # by the arguments' types
-        self._generation, self._plain = -1, plain
+        self._generation, self._plain, self._few, self._first = -1, plain, few, self._templates.index(False)
+        self._pack: tuple[object, Sequence[int]] = None, ()  # the last first argument, and its first tensor's shape
 
-    def __call__(self, *args: object) -> None:
-        """Launch the kernel, and keep the bound arguments for the next call."""
+    def __call__(self, *args: object, envs: int | None = None) -> None:
+        """Launch the kernel, and keep the bound arguments for the next call; only `envs` environments have work."""
         self._renew()
-        bound = next((bound for bound in self._bound if _same(args, bound.args)), None)
+        serial = self._serial(args, envs)
+        bound = next((bound for bound in self._bound if bound.serial is serial and _same(args, bound.args)), None)
         if bound is None:
-            bound = self._bind(args)
+            bound = self._bind(args, serial)
             self._bound = [bound, *self._bound[: self.KEPT - 1]]
         impl.get_runtime().prog.launch_kernel(bound.compiled, bound.context)
 
-    def once(self, *args: object) -> None:
+    def once(self, *args: object, envs: int | None = None) -> None:
         """Launch the kernel with tensors that will not be used again; packs stay bound for the next call."""
         self._renew()
-        last = self._last
-        if last is None or not _same(tuple(map(_brief, args)), last.args):
-            last = self._bind(args)
+        last, serial = self._last, self._serial(args, envs)
+        if last is None or last.serial is not serial or not _same(tuple(map(_brief, args)), last.args):
+            last = self._bind(args, serial)
             self._last = last = last._replace(args=tuple(map(_brief, args)))
         else:
             given = (value for value, fixed in zip(args, self._templates, strict=True) if not fixed)
@@ -507,7 +526,20 @@ class Launcher:
         if run.arch == "cuda":  # a launch context is spent: it then points to arguments in the GPU's memory
             self._bound, self._last = [], None
 
-    def _bind(self, args: tuple[object, ...]) -> _Bound:
+    def _serial(self, args: tuple[object, ...], envs: int | None) -> bool:
+        """Whether the loop runs on the calling thread."""
+        if current().arch != "cpu" or len(args) != len(self._wanted):
+            return False
+        first = args[self._first]
+        if isinstance(first, ArgPack):
+            if first is not self._pack[0]:
+                self._pack = first, next(value for _, value in first.items).shape
+            shape = self._pack[1]
+        else:
+            shape = cast(torch.Tensor, first).shape
+        return (shape[0] if envs is None else envs) * (shape[1] if len(shape) > 1 else 1) < self._few
+
+    def _bind(self, args: tuple[object, ...], serial: bool) -> _Bound:
         """Compile the kernel for `args` if needed, and bind them."""
         if len(args) != len(self._wanted):
             raise TypeError(f"{self._primal.func.__name__} takes {len(self._wanted)} arguments, not {len(args)}")
@@ -516,11 +548,12 @@ class Launcher:
                 current().check(*(member for _, member in value.items))
             elif isinstance(value, torch.Tensor) and not typed:
                 current().check(value)
-        form = tuple(map(_form, args, self._templates))
+        form = (serial, *map(_form, args, self._templates))
         if form not in self._compiled:
-            with without_passes() if self._plain else contextlib.nullcontext():
-                key = self._primal.ensure_compiled(*self._owner, *args)
-                kernel, program = self._primal.compiled_kernels[key], impl.get_runtime().prog
+            primal = _on_one_thread(self._primal) if serial else self._primal
+            with loop.run(serial), without_passes() if self._plain else contextlib.nullcontext():
+                key = primal.ensure_compiled(*self._owner, *args)
+                kernel, program = primal.compiled_kernels[key], impl.get_runtime().prog
                 with _telling():
                     compiled = program.compile_kernel(program.config(), program.get_device_caps(), kernel)
             self._compiled[form] = kernel, compiled
@@ -536,7 +569,17 @@ class Launcher:
                 _set_tensor(context, slot, cast(torch.Tensor, value))
         for k, (value, element) in enumerate(inside):
             _set_tensor(context, slots + k, value, element)
-        return _Bound(args, compiled, context)
+        return _Bound(args, compiled, context, serial)
+
+
+def _on_one_thread(kernel: Kernel) -> Kernel:
+    """The same kernel, for Taichi another one: compiled with `loop.serial`."""
+    if not hasattr(kernel, "on_one_thread"):
+        kernel.on_one_thread = twin = copy.copy(kernel)
+        twin.compiled_kernels, twin.kernel_counter = {}, Kernel.counter
+        Kernel.counter += 1
+        impl.get_runtime().kernels.append(twin)
+    return kernel.on_one_thread
 
 
 def _brief(value: object) -> object:

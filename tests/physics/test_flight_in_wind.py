@@ -28,7 +28,6 @@ class Flight(Bench):
 
     def __init__(self, model, air, envs=1, height=HEIGHT, seed=5, clock=0):
         super().__init__(model, air=AirConfig(**air), envs=envs, seed=seed)
-        self.fleet.few = True  # one kernel serves any number of flights
         self.around.noise.tick(clock)
         self.put((0.0, 0.0, -height), settle=True)
 
@@ -263,7 +262,6 @@ def test_bits_do_not_depend_on_the_number_of_threads(make_model):
         runtime.init(precision="f32", threads=threads)
         own = make_model("aerosonde", DT, SUBSTEPS, autopilot={"actions": "altitude"})
         flight = Flight(own, MODERATE, 64)
-        flight.fleet.few = False
         flight.step([0.3, 0.5, -0.5], 10)
         found.append((flight.state, flight.aux))
     assert torch.equal(found[0][0], found[1][0]) and torch.equal(found[0][1], found[1][1])

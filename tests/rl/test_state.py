@@ -134,7 +134,7 @@ def test_a_snapshot_outlives_its_mission(tmp_path):
 
 @pytest.mark.parametrize("name", ["lanes", "otter"])
 def test_a_fork_that_shares_the_noise_does_what_its_source_does(name):
-    """Sizes lie on one side of where kernels begin to use threads (`runtime.few`): the bits are the same."""
+    """Sizes lie on one side of where kernels begin to use threads (`runtime.Launcher`): the bits are the same."""
     mission = begun(name, 4)
     driver = Driver(mission)
     driver.go(5)

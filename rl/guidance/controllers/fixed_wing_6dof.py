@@ -31,12 +31,13 @@ import torch
 from torch import Tensor
 
 from rl.guidance.avoidance import AvoidanceGains, Avoider, SlotController
-from rl.guidance.controllers.laws import LAW, approach, cross, limited, swung
+from rl.guidance.controllers.laws import approach, cross, limited, swung
 from rl.guidance.knowledge import Knowledge, KnownPack, TeamKernel
 from rl.guidance.targets_and_errors import COURSE_RATE, ERROR, ERROR_RATE, SLOT_VELOCITY, row_of
 from rl.guidance.targets_and_errors import V as VELOCITY
 from rl.team import ControllerError
 from taichi_sim.config import Positive
+from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.conventions import DOWN, EAST, GRAVITY, NORTH
 from taichi_sim.kernels.packs import values_at
@@ -101,7 +102,7 @@ def chase(error, rate, gain, acceleration, most):
 @ti.kernel
 def _lead(direct: array3, aux: array3, known: KnownPack, kind: ti.template(), form: ti.template()):
     """Write the velocity [env, vehicle, 3] that leads to the slots, and the rate [.., 2] of what the error adds."""
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(direct.shape[0], direct.shape[1]):
         g = values_at(kind, known.numbers)
         _, nose = level_flight(velocity_through_air(aux, known, e, i), g.floor)
@@ -124,7 +125,7 @@ def _fly(
     kind: ti.template(), form: ti.template(),
 ):  # fmt: skip
     """Write the actions (pitch or climb, yaw, boost) that follow a command; see the module."""
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(action.shape[0], action.shape[1]):
         g = values_at(kind, known.numbers)
         v, air = taken(known.derived, e, i, VELOCITY, 3), velocity_through_air(aux, known, e, i)
@@ -180,7 +181,7 @@ class FixedWing6DofController(SlotController):
             "braking_aside": self.gains.bank_share * side, "leader_share": self.gains.leader_share,
             "closing": self.gains.closing_share * (high - low), "intercept": self.gains.intercept_share * cruise,
         }  # fmt: skip
-        self._lead, self._fly = TeamKernel(_lead, LAW, numbers), TeamKernel(_fly, LAW, numbers)
+        self._lead, self._fly = TeamKernel(_lead, numbers), TeamKernel(_fly, numbers)
 
     def wanted(self, team: Knowledge) -> FlightCommand:
         """The velocity command that leads to the slots, along and aside of the velocity through the air."""

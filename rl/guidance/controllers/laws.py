@@ -8,8 +8,6 @@ import taichi.math as tm
 
 from taichi_sim.kernels.conventions import EAST, GRAVITY, NORTH
 
-LAW = 100.0  # ns per vehicle, about
-
 
 @ti.func
 def limited(x, least, most):

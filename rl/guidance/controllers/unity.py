@@ -26,12 +26,13 @@ import taichi as ti
 from torch import Tensor
 
 from rl.guidance.avoidance import AvoidanceGains, Avoider, SlotController, Wanted
-from rl.guidance.controllers.laws import LAW, approach, cross, limited, push_of_waves, swung, turn_to, yaw_rate
+from rl.guidance.controllers.laws import approach, cross, limited, push_of_waves, swung, turn_to, yaw_rate
 from rl.guidance.controllers.sampled import held, place_poles
 from rl.guidance.knowledge import Knowledge, KnownPack, TeamKernel
 from rl.guidance.targets_and_errors import COURSE_RATE, ERROR, ERROR_RATE, SLOT_VELOCITY, row_of
 from rl.guidance.targets_and_errors import V as VELOCITY
 from taichi_sim.config import Positive
+from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.conventions import DOWN, EAST, NORTH, ROLL_RATE
 from taichi_sim.kernels.packs import values_at
@@ -68,7 +69,7 @@ def force_rate(known: ti.template(), force, e, i, g: ti.template(), form: ti.tem
 
 @ti.kernel
 def _chase(velocity: array3, known: KnownPack, kind: ti.template(), form: ti.template()):
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(velocity.shape[0], velocity.shape[1]):
         g = values_at(kind, known.numbers)
         slot, error = taken(known.table, e, i, SLOT_VELOCITY, form.axes), taken(known.table, e, i, ERROR, form.axes)
@@ -82,7 +83,7 @@ def _chase(velocity: array3, known: KnownPack, kind: ti.template(), form: ti.tem
 
 @ti.kernel
 def _fly(action: array3, velocity: array3, known: KnownPack, kind: ti.template(), form: ti.template()):
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(action.shape[0], action.shape[1]):
         g = values_at(kind, known.numbers)
         nose = ti.Vector([known.derived[e, i, 3 * a] for a in ti.static(range(3))])  # first column of R_nb
@@ -112,7 +113,7 @@ def rate_action(error, rate, top_rate, g: ti.template()):
 
 @ti.kernel
 def _steer(action: array3, velocity: array3, known: KnownPack, kind: ti.template(), form: ti.template()):
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(action.shape[0], action.shape[1]):
         g = values_at(kind, known.numbers)
         omega, R = taken(known.state, e, i, ROLL_RATE, 3), taken(known.derived, e, i, 0, 9)  # R_nb by rows
@@ -152,7 +153,7 @@ class ForceController(SlotController):
             "top_speed": top_speed, "closing": gains.closing, "braking": gains.braking,
         }  # fmt: skip
         self._avoid, self._actions = Avoider(gains), len(model.action_names)
-        self._chase, self._law = TeamKernel(_chase, LAW, numbers), TeamKernel(law, LAW, numbers)
+        self._chase, self._law = TeamKernel(_chase, numbers), TeamKernel(law, numbers)
 
     def wanted(self, team: Knowledge) -> Wanted:
         """The velocity command that leads to the slots."""

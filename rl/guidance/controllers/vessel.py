@@ -24,13 +24,14 @@ import torch
 from torch import Tensor
 
 from rl.guidance.avoidance import AvoidanceGains, Avoider, SlotController
-from rl.guidance.controllers.laws import LAW, approach, limited, push_of_waves, swung, wrapped, yaw_rate
+from rl.guidance.controllers.laws import approach, limited, push_of_waves, swung, wrapped, yaw_rate
 from rl.guidance.controllers.sampled import decaying, place_poles
 from rl.guidance.knowledge import Knowledge, KnownPack, TeamKernel
 from rl.guidance.targets_and_errors import COS, COURSE_RATE, ERROR, SLOT_VELOCITY, SPEED, row_of
 from rl.guidance.targets_and_errors import V as VELOCITY
 from rl.team import ControllerError
 from taichi_sim.config import NonNegative, Positive
+from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.conventions import EAST, NORTH, ROLL_RATE
 from taichi_sim.kernels.packs import values_at
@@ -181,7 +182,7 @@ def slide(g: ti.template(), u, rate):
 @ti.kernel
 def _follow(load: array3, velocity: array3, change: array3, known: KnownPack, kind: ti.template(), form: ti.template()):
     """Write the loads [env, vehicle, (X, Y, N)] that follow a command; see `Course`."""
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(load.shape[0], load.shape[1]):
         g = values_at(kind, known.numbers)
         omega, R = taken(known.state, e, i, ROLL_RATE, 3), taken(known.derived, e, i, 0, 9)  # R_nb by rows
@@ -241,7 +242,7 @@ def _lead(
     form: ti.template(),
 ):  # fmt: skip
     """Write the velocity that leads to the slots, theirs, and the share of k_e e in it [.., 5]; begin with `drift`."""
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(led.shape[0], led.shape[1]):
         g = values_at(kind, known.numbers)
         fresh, moved = steps[e] == 0, 0
@@ -271,7 +272,7 @@ def _steer(
     form: ti.template(),
 ):  # fmt: skip
     """Write the command [env, vehicle, (v*, v*')] of a velocity that was led and `evaded`, and integrate the drift."""
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(command.shape[0], command.shape[1]):
         g = values_at(kind, known.numbers)
         slot, share, v = taken(led, e, i, SLOT, 2), led[e, i, SHARE], taken(known.derived, e, i, VELOCITY, 2)
@@ -349,7 +350,7 @@ class Course(Remembers):
         }  # fmt: skip
         for axis in ("surge", "sway", "yaw"):
             numbers |= {f"{axis}_{x}": number for x, number in getattr(vessel, axis)._asdict().items()}
-        self._lead, self._steer, self._follow = (TeamKernel(x, LAW, numbers) for x in (_lead, _steer, _follow))
+        self._lead, self._steer, self._follow = (TeamKernel(x, numbers) for x in (_lead, _steer, _follow))
 
     def load(self, team: Knowledge, wanted: CourseCommand) -> Load:
         """Loads that follow the command."""

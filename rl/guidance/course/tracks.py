@@ -102,10 +102,10 @@ class Tracks:
         """Number of samples per lap."""
         return self.table.shape[1]
 
-    def to(self, device: torch.device | str) -> "Tracks":
-        """Return the same tracks on another device."""
+    def to(self, device: torch.device | str, dtype: torch.dtype) -> "Tracks":
+        """Return the same tracks on another device, in another precision."""
         tensors = self.table, self.length_m, self.checkpoints, self.checkpoint_s
-        return Tracks(*(tensor.to(device) for tensor in tensors))
+        return Tracks(*(tensor.to(device, dtype) for tensor in tensors))
 
     def at(self, world: Tensor, s: Tensor) -> TrackPoint:
         """The point at arc length `s` [..] (m, modulo the length) on the track of `world` [..].

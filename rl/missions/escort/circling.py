@@ -21,7 +21,7 @@ from rl.guidance.controllers.fixed_wing_6dof import (
     FlightCommand,
     velocity_through_air,
 )
-from rl.guidance.controllers.laws import LAW, cross, limited
+from rl.guidance.controllers.laws import cross, limited
 from rl.guidance.knowledge import Knowledge, TeamKernel
 from rl.guidance.knowledge import KnownPack as TeamPack
 from rl.guidance.observations import (
@@ -59,7 +59,6 @@ LEAST_SHARE = 0.2  # of the airspeed, the least speed relative to the centre; as
 BOATS_HEARD_OF = 20.0  # s: likewise of boats; assumed
 CIRCLE_SCALE, FAR_SCALE, SLOW_SCALE = 20.0, 200.0, 2.0  # m, m, m/s, at which a squashed observation is 1/2
 TWO_PI = 2 * math.pi
-CIRCLE, LISTEN, OBSERVE = 100.0, 200.0, 120.0  # ns of one aircraft, about
 RADIUS, TURN, RANGE = range(3)  # columns of `numbers`: of the circle, m; 1 clockwise, else -1; of the radio, m
 
 ErrorsPack = ti.types.argpack(distance=array2, gap_error=array2, in_range=array2)
@@ -114,7 +113,6 @@ class CirclingForm(NamedTuple):
 
     first: int  # number of the first aircraft among all observers
     boats: tuple[int, int]  # the first boat among them, and the first after them that is none
-    serial: bool = False  # run on the calling thread
 
 
 OBSERVED = MEANINGS | {
@@ -141,7 +139,6 @@ class CirclingTerms(NamedTuple):
     residual: int  # numbers of "reference"
     air: tuple[int, ...]  # columns of `aux`: airspeed; velocity of the air, north, east, down
     speeds: tuple[float, ...]  # airspeeds: lowest, cruise, highest, m/s
-    serial: bool
     axes: int = 3
     at: tuple[int, ...] = ()  # the column in which each term begins
 
@@ -172,7 +169,7 @@ def between(nearest, farthest):
 @ti.kernel
 def _measure(out: ErrorsPack, true: TruePack, which: whole1, form: ti.template()):
     """Write errors from the circle about the true vessel, and the share of boats within radio range."""
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(true.state.shape[0], true.state.shape[1]):
         if which[e] != NOT_DUE:
             turn = true.numbers[TURN]
@@ -200,7 +197,7 @@ def _measure(out: ErrorsPack, true: TruePack, which: whole1, form: ti.template()
 @ti.kernel
 def _listen(out: KnownPack, of: HeardPack, which: whole1, form: ti.template()):
     """Write what each aircraft knows: the vessel by its own estimate, the others by the messages that it has heard."""
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(of.state.shape[0], of.state.shape[1]):
         if which[e] != NOT_DUE:
             o, age, turn = ti.static(form.first) + i, of.heard.shape[3] - 1, of.numbers[TURN]
@@ -239,7 +236,7 @@ def _observe(
     out: array3, known: KnownPack, seen: OwnPack, tracks: TracksPack,
     action: array3, reference: array3, form: ti.template(),
 ):  # fmt: skip
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(out.shape[0], out.shape[1]):
         o = ti.static(form.first) + i
         put_squashed(out, e, i, form.at.velocity, 3, seen.state, SURGE, SPEED_SCALE)
@@ -290,7 +287,7 @@ class CircleErrors:
         """Measure `team` about the vessel of its mission."""
         mission, state = team.mission, team.fleet.state
         boats = mission.world.teams.get(mission.config.escort.boats)
-        self._rows, self._form, self._launch = state.shape[1], form, runtime.Launcher(_measure)
+        self._form, self._launch = form, runtime.Launcher(_measure)
         self._out = runtime.Packed(ErrorsPack, distance=team.distance, gap_error=team.gap_error, in_range=team.in_range)
         self._true = runtime.Packed(
             TruePack, state=state, boats=state if boats is None else boats.state, vessel=mission.vessel_place,
@@ -299,8 +296,7 @@ class CircleErrors:
 
     def measure(self, due: Due) -> None:
         """Measure in the environments that are `due`."""
-        form = self._form._replace(serial=runtime.few(due.count * self._rows, CIRCLE))
-        self._launch(self._out(), self._true(), due.which, form)
+        self._launch(self._out(), self._true(), due.which, self._form, envs=due.count)
 
 
 class CircleKnowledge:
@@ -313,7 +309,7 @@ class CircleKnowledge:
     def __init__(self, known: CircleView, team: CirclingTeam, form: CirclingForm):
         """Write into the tensors of `known`, for `team`."""
         state, tracking, model = known.fleet.state, team.tracking, team.fleet.model
-        self._rows, self._form, self._known = state.shape[1], form, runtime.Packed(
+        self._form, self._known = form, runtime.Packed(
             KnownPack, target=known.target.table, centre_velocity=known.centre_velocity, gap_error=known.gap_error,
             height_error=known.height_error, boats=known.boats[0], farthest=known.boats[1],
         )  # fmt: skip
@@ -330,16 +326,15 @@ class CircleKnowledge:
             radius=state.new_tensor([team.orbit.radius]),
         )  # fmt: skip
         air, speeds = air_columns(model)
-        signals, serial = known.sensor.signals.shape[-1], runtime.few(state.shape[0] * self._rows, OBSERVE)
-        terms = CirclingTerms(form.first, signals, len(model.action_names), team.reference_width, air, speeds, serial)
+        signals = known.sensor.signals.shape[-1]
+        terms = CirclingTerms(form.first, signals, len(model.action_names), team.reference_width, air, speeds)
         self.widths = terms.widths
         self._terms = terms._replace(at=columns(self.widths))
         self._listen, self._observe = runtime.Launcher(_listen), runtime.Launcher(_observe)
 
     def listen(self, due: Due) -> None:
         """Update the tensors in the environments that are `due`."""
-        form = self._form._replace(serial=runtime.few(due.count * self._rows, LISTEN))
-        self._listen(self._known(), self._heard(), due.which, form)
+        self._listen(self._known(), self._heard(), due.which, self._form, envs=due.count)
 
     def observe(self, action: Tensor, reference: Tensor | None) -> Tensor:
         """All terms [env, aircraft, n], side by side in a fresh tensor.
@@ -373,7 +368,7 @@ def _lead(
     kind: ti.template(), form: ti.template(),
 ):  # fmt: skip
     """Write the velocity [env, aircraft, 3] of the field, and its rate [.., 2]; see `OrbitController`."""
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(led.shape[0], led.shape[1]):
         g = values_at(kind, known.numbers)
         faster = limited(g.phase_gain * g.circle * gap_error[e, i], -g.phase_speed, g.phase_speed)
@@ -430,7 +425,7 @@ class OrbitController(SlotController):
             "phase_gain": self.gains.phase_gain, "phase_speed": self.gains.phase_speed, "climb": limits.climb,
             "k_height": model.gains.height,
         }  # fmt: skip
-        self._lead = TeamKernel(_lead, LAW, numbers)
+        self._lead = TeamKernel(_lead, numbers)
 
     def act(self, team: Knowledge, wanted: FlightCommand) -> Tensor:
         """Actions [env, aircraft, action] in [-1, 1] that follow the command."""

@@ -41,7 +41,6 @@ COPIED = (
     (Object.V_EAST, bodies.V_EAST), (Object.RADIUS, bodies.RADIUS),
 )  # fmt: skip
 """Columns of an object, and the rows of a body that they are copied from."""
-ESTIMATE = 60.0  # ns of one observer, about
 
 
 PITCH, SEARCH_SPEED, BEGINS, TURNED = range(4)  # columns of `searches`, a row for each observer
@@ -52,8 +51,8 @@ SearchPack = ti.types.argpack(tracks=array4, said=array3, searches=array2, numbe
 
 
 @ti.kernel
-def _estimate(out: EstimatesPack, by: SearchPack, which: whole1, serial: ti.template()):
-    ti.loop_config(serialize=serial)
+def _estimate(out: EstimatesPack, by: SearchPack, which: whole1):
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, o in ti.ndrange(by.tracks.shape[0], by.tracks.shape[1]):
         if which[e] != NOT_DUE:
             lost, dt = by.numbers[LOST], by.numbers[INTERVAL]
@@ -188,8 +187,7 @@ class SharedTracking(Remembers):
     def conclude(self, due: Due) -> None:
         """Update all charts, and each observer's estimate of the vessel's place and course."""
         self.chart.keep(due)
-        serial = runtime.few(due.count * self.age.shape[1], ESTIMATE)
-        self._launch(self._estimates(), self._search(), due.which, serial)
+        self._launch(self._estimates(), self._search(), due.which, envs=due.count)
 
     def of(self, name: str, values: Tensor) -> Tensor:
         """The rows of team `name` in `values` [env, observer, ...], as a view."""

@@ -57,8 +57,9 @@ class Formation(Mission[FormationScenario, TeamTask]):
         both = torch.cat((generated, fixed.expand(self.tracks.worlds, -1, 4)), dim=1)
         starts = draw_starts(config, self.tracks, both, models, self.generator)
         pool = draw_traffic(config, self.tracks, starts, both, models, self.generator)
-        self.tracks = self.tracks.to(run.device)  # all was drawn on the CPU: the same worlds on every device
-        self.starts = starts.to(run.device)
+        # all was drawn on the CPU: the same worlds on every device
+        self.tracks = self.tracks.to(run.device, run.torch_dtype)
+        self.starts = starts.to(run.device, run.torch_dtype)
         self.bodies = self.remember(Bodies(self.num_envs, pool.to(run.device, run.torch_dtype)))
         if not both.shape[1]:  # a kernel needs one row: put it out of every vehicle's reach
             both = both.new_tensor([1e6, 1e6, 1.0, 1.0]).expand(self.tracks.worlds, 1, 4)

@@ -34,7 +34,6 @@ SHAPE, SPACING = range(2)  # of a change
 
 CLOSE = 1e-4  # share of a squared spacing: a smaller gain is rounding
 SWEEPS = 64  # over all pairs, at most; up to 16 vehicles need 5
-ADVANCE = 200.0  # ns of one environment, about
 
 SlotsPack = ti.types.argpack(table=array3, left=array1, changes=array3, units=array3, numbers=array1)
 
@@ -69,13 +68,6 @@ def unit_offsets(section: FormationTeam) -> Tensor:
 def offsets_of(units: Tensor, drawn: Drawn) -> Tensor:
     """Offsets [.., vehicle, 2] (m, float64) of formations `drawn` [..], of a team's `unit_offsets`."""
     return units[drawn.shape] * drawn.spacing[..., None, None]
-
-
-class SlotsForm(NamedTuple):
-    """Compile-time parameters of the kernel."""
-
-    every: int  # decisions between two changes
-    serial: bool  # run on the calling thread
 
 
 @ti.func
@@ -117,8 +109,8 @@ def set_out(table: ti.template(), e, glide):
 
 
 @ti.kernel
-def _advance(slots: SlotsPack, steps: ti.types.ndarray(dtype=ti.i64, ndim=1), form: ti.template()):
-    ti.loop_config(serialize=form.serial)
+def _advance(slots: SlotsPack, steps: ti.types.ndarray(dtype=ti.i64, ndim=1), every: ti.template()):
+    ti.loop_config(serialize=runtime.loop.serial)
     for e in range(slots.table.shape[0]):
         if slots.left[e] > 0:
             step = ti.min(slots.left[e], slots.numbers[INTERVAL])
@@ -130,8 +122,8 @@ def _advance(slots: SlotsPack, steps: ti.types.ndarray(dtype=ti.i64, ndim=1), fo
                     slots.table[e, i, OFFSET + a] = ti.select(arrived, slots.table[e, i, GOAL + a], there)
                     slots.table[e, i, RATE + a] = ti.select(arrived, 0.0, slots.table[e, i, RATE + a])
         step = ti.cast(steps[e], ti.i32)
-        if step > 0 and step % form.every == 0:
-            k = (step // form.every - 1) % slots.changes.shape[1]
+        if step > 0 and step % every == 0:
+            k = (step // every - 1) % slots.changes.shape[1]
             shape, spacing = ti.cast(slots.changes[e, k, SHAPE], ti.i32), slots.changes[e, k, SPACING]
             for i in range(1, slots.table.shape[1]):
                 for a in ti.static(range(2)):
@@ -166,7 +158,6 @@ class Slots(Remembers):
                 SlotsPack, table=self.table, left=self._left, changes=self._changes, units=self._units.to(state),
                 numbers=state.new_tensor([interval, glide]),
             )  # fmt: skip
-            self._form = SlotsForm(self._every, runtime.few(envs, ADVANCE))
             self._launch = runtime.Launcher(_advance)
         everywhere = torch.zeros(envs, dtype=torch.int64, device=state.device)
         self._place(slice(None), Drawn(everywhere, everywhere + torch.tensor(section.spacings[0], dtype=torch.float64)))
@@ -184,7 +175,7 @@ class Slots(Remembers):
     def advance(self, steps: Tensor) -> None:
         """Glide for one decision, and begin changes that are due; `steps` int64 [env] have gone by."""
         if self._every:
-            self._launch(self._pack(), steps, self._form)
+            self._launch(self._pack(), steps, self._every)
 
     def _place(self, envs: Tensor | slice, drawn: Drawn) -> None:
         offsets = offsets_of(self._units, drawn)

@@ -57,11 +57,11 @@ class Starts(NamedTuple):
     states: dict[str, Tensor]
     formations: dict[str, Drawn]
 
-    def to(self, device: torch.device) -> "Starts":
-        """A copy on another device."""
+    def to(self, device: torch.device, dtype: torch.dtype) -> "Starts":
+        """A copy on another device, with progress in another precision."""
         states = {name: s.to(device) for name, s in self.states.items()}
         formations = {name: Drawn(f.shape.to(device), f.spacing.to(device)) for name, f in self.formations.items()}
-        return Starts(self.progress.to(device), states, formations)
+        return Starts(self.progress.to(device, dtype), states, formations)
 
 
 class Draw(NamedTuple):

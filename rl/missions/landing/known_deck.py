@@ -14,7 +14,6 @@ navigation of both, whose errors are in it. Frame: NED.
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false, reportAttributeAccessIssue=false, reportIndexIssue=false
 
-from typing import NamedTuple
 
 import taichi as ti
 import torch
@@ -43,7 +42,6 @@ MEAN = 5.0  # s, over which the mean velocity is averaged; assumed
 OLDEST = 3.0  # s: an older acceleration is not gone on with; assumed
 LAGS = (5, 10, 20)  # decisions: how long ago vertical speeds were that are remembered
 OLDEST_LAG = max(LAGS)
-KNOW = 300.0  # ns of one aircraft, about
 
 # Columns: d, v, a (3 each); roll, pitch, heading of the boat and its rates (3 each); mean velocity (3); own velocity a
 # decision ago (3); the covariance of d, v, a (dd, dv, da, vv, va, aa); the deck's axis down (3), cosine and sine of the
@@ -52,13 +50,6 @@ KNOW = 300.0  # ns of one aircraft, about
  PAST) = (
     0, 3, 6, 9, 12, 15, 18, 21, 27, 30, 31, 32, 33, 34, 35
 )  # fmt: skip
-
-
-class Filter(NamedTuple):
-    """Compile-time parameters of the kernel."""
-
-    dt: float  # s, of a decision
-    serial: bool  # run on the calling thread
 
 
 @ti.func
@@ -83,9 +74,9 @@ def begun(known: ti.template(), e, i, by_radio, velocity, acceleration, own):
 
 
 @ti.func
-def gone_on(known: ti.template(), look: ti.template(), e, i, by_radio, told, age, own, form: ti.template()):
+def gone_on(known: ti.template(), look: ti.template(), e, i, by_radio, told, age, own, interval: ti.template()):
     """Predict, and correct by what was heard and seen."""
-    dt, w = ti.static(form.dt, SWING**2)
+    dt, w = ti.static(interval, SWING**2)
     F = ti.Matrix([[1.0, dt - w * dt**3 / 6, dt * dt / 2], [0.0, 1.0 - w * dt * dt / 2, dt], [0.0, -w * dt, 1.0]])
     jerk = ti.Vector([JERK * dt**3 / 6, JERK * dt * dt / 2, JERK * dt])
     before, mean, c = taken(known, e, i, 0, 9), taken(known, e, i, AVERAGE, 3), taken(known, e, i, COVARIANCE, 6)
@@ -129,9 +120,9 @@ def gone_on(known: ti.template(), look: ti.template(), e, i, by_radio, told, age
 @ti.kernel
 def _know(
     known: array3, look: array3, heard: array4, state: array3, derived: array3, which: whole1, boats: ti.template(),
-    form: ti.template(),
+    interval: ti.template(),
 ):  # fmt: skip
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(known.shape[0], known.shape[1]):
         if which[e] != NOT_DUE:
             said = ti.Vector([heard[e, boats + i, i % boats, k] for k in ti.static(range(Message.SIZE + 1))])
@@ -148,7 +139,7 @@ def _know(
             if which[e] == BEGINS:
                 begun(known, e, i, by_radio, told + lead * gains, gains, own)
             else:
-                gone_on(known, look, e, i, by_radio, told, age, own, form)
+                gone_on(known, look, e, i, by_radio, told, age, own, interval)
             known[e, i, HEARD] = age
             # roll, pitch and heading, gone on with by their rates, for small roll and pitch
             p, q, r = said[rates], said[rates + 1], said[rates + 2]
@@ -177,7 +168,7 @@ class KnownDeck(Remembers):
         """
         self._interval, self._boats = interval, boats
         self.table = self.remember(like.new_zeros((*like.shape[:2], PAST + OLDEST_LAG + 1)))
-        self._launch = runtime.Launcher(_know)
+        self._launch = runtime.Launcher(_know, few=runtime.MEDIUM)
 
     def measure(self, due: Due, own: Views, look: Tensor, heard: Tensor) -> None:
         """Update the filter in the environments that are `due`.
@@ -185,8 +176,9 @@ class KnownDeck(Remembers):
         own: the aircraft as it measures itself. look: [env, aircraft, Look.SIZE] (marker.py). heard: the messages of
         all, Radio.heard (boats.py).
         """
-        form = Filter(self._interval, runtime.few(due.count * self.table.shape[1], KNOW))
-        self._launch(self.table, look, heard, own.state, own.derived, due.which, self._boats, form)
+        self._launch(
+            self.table, look, heard, own.state, own.derived, due.which, self._boats, self._interval, envs=due.count
+        )
 
     def suppose(self, deck: DeckMotion, to: Tensor, acceleration: Tensor, rates: Tensor) -> None:
         """Know the `deck` exactly, `to` it, its acceleration, and the boat's rates (b), as if seen just now."""

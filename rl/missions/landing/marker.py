@@ -33,7 +33,6 @@ from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN, rotated, rotat
 from taichi_sim.kernels.runtime import array1, array3, whole1
 from taichi_sim.state.memory import Remembers
 
-LOOK = 60.0  # ns of one aircraft, about
 NEAREST = 1e-3  # m, least distance that the formulas take
 LEAST_VARIANCE = 1e-6  # m^2, so that an exact look has one, too
 ALONG = 0.33  # share of the variance of the distance that each component of a place has; assumed
@@ -66,9 +65,9 @@ class Camera(NamedTuple):
 @ti.kernel
 def _look(
     seen: array3, state: array3, derived: array3, measured: array3, place: array3, boats: array3, hs: array1,
-    which: whole1, draws: whole1, camera: array1, kind: ti.template(), vehicles: ti.template(), serial: ti.template(),
+    which: whole1, draws: whole1, camera: array1, kind: ti.template(), vehicles: ti.template()
 ):  # fmt: skip
-    ti.loop_config(serialize=serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(seen.shape[0], seen.shape[1]):
         if which[e] != NOT_DUE:
             c, b = values_at(kind, camera), i % place.shape[1]
@@ -120,5 +119,5 @@ class Marker(Remembers):
         kind = struct_of(Camera._fields, runtime.current().precision)
         self._launch.once(
             self.seen, true.state, true.derived, self._own.derived, decks.deck.place, decks.fleet.derived, hs,
-            due.which, due.draws, self._camera, kind, self._vehicles, runtime.few(due.count * self.seen.shape[1], LOOK),
+            due.which, due.draws, self._camera, kind, self._vehicles, envs=due.count,
         )  # fmt: skip

@@ -27,7 +27,7 @@ from taichi_sim.errors import UserError
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.conventions import BELOW, HORIZONTAL, POSITION, QUATERNION
 from taichi_sim.kernels.rotation import torch_rotation_matrix
-from taichi_sim.kernels.runtime import Launcher
+from taichi_sim.kernels.runtime import LARGE, Launcher
 from taichi_sim.models.contact import deck_motion
 from taichi_sim.models.contact.deck_and_legs import Deck
 from taichi_sim.models.contact.leg_contact import DOWN, SOLE_SIZE, Touch
@@ -58,11 +58,8 @@ class Carriers:
         self.fleet, self.deck, self.base = fleet, deck, base
         self.before = torch.zeros_like(fleet.state)
         self.reach = math.hypot(*deck.centre) + math.hypot(*deck.half)
-        self.press, self.meet, self.react = (
-            Launcher(deck_motion.press),
-            Launcher(deck_motion.meet),
-            Launcher(deck_motion.react),
-        )
+        kernels = deck_motion.press, deck_motion.meet, deck_motion.react
+        self.press, self.meet, self.react = (Launcher(kernel, few=LARGE) for kernel in kernels)
         self._numbers: Tensor | None = None
         self._version = -1
         self._table = self._fresh_table()
@@ -145,7 +142,7 @@ class Contacts(Remembers):
             if acting:
                 held[fleet.name] = fleet.load.clone()
                 for touch in self._touches:
-                    carriers.press.once(fleet.load, touch.pressing, carriers.base, fleet.few)
+                    carriers.press.once(fleet.load, touch.pressing, carriers.base)
         return held
 
     def meet(self, held: Mapping[str, Tensor]) -> None:
@@ -156,7 +153,7 @@ class Contacts(Remembers):
             for fleet, touch in zip(self.legged.values(), self._touches, strict=True):
                 carriers.meet(
                     fleet.state, touch.pressing, touch.way, carriers.before, carriers.fleet.state, carriers.table,
-                    carriers.base, fleet.model.deck_reach, self.interval, fleet.few,
+                    carriers.base, fleet.model.deck_reach, self.interval,
                 )  # fmt: skip
 
     def end(self) -> None:
@@ -167,7 +164,7 @@ class Contacts(Remembers):
             for carriers in self.carriers:
                 fleet = carriers.fleet
                 carriers.react(
-                    fleet.state, fleet.derived, carriers.before, carriers.table, touch.way, carriers.base, fleet.few
+                    fleet.state, fleet.derived, carriers.before, carriers.table, touch.way, carriers.base
                 )
 
     def remembered(self) -> dict[str, dict[str, Tensor]]:

@@ -19,6 +19,7 @@ therefore conserved to rounding, and a vehicle at rest on a deck presses on the 
 
 import taichi as ti
 
+from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.conventions import NORTH, QW, ROLL_RATE, SURGE
 from taichi_sim.kernels.rigid_body import cross
@@ -99,12 +100,12 @@ def answer(way: ti.template(), e, i, R, force, moment):
 
 
 @ti.kernel
-def press(load: array3, pressing: array3, base: ti.template(), serial: ti.template()):
+def press(load: array3, pressing: array3, base: ti.template()):
     """Add the loads of vehicles on decks (`pressing` [env, vehicle, 7]) to their carriers' `load` [env, carrier, 6].
 
     `base` is the number of the first carrier's deck.
     """
-    ti.loop_config(serialize=serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, j in ti.ndrange(load.shape[0], load.shape[1]):
         for i in range(pressing.shape[1]):
             if int(pressing[e, i, PRESSED]) == 1 + base + j:
@@ -115,7 +116,7 @@ def press(load: array3, pressing: array3, base: ti.template(), serial: ti.templa
 @ti.kernel
 def meet(
     state: array3, pressing: array3, way: array3, before: array3, after: array3, table: array3,
-    base: ti.template(), reach: ti.template(), T: ti.template(), serial: ti.template(),
+    base: ti.template(), reach: ti.template(), T: ti.template()
 ):  # fmt: skip
     """Find the nearest deck within reach of each vehicle with legs, and write its motion to `way` [env, vehicle,
     WAY_SIZE].
@@ -126,7 +127,7 @@ def meet(
     state: states [env, vehicle, 13] of the vehicles with legs. before, after: states [env, carrier, 13] of the carriers
     at both ends of the step. table: [env or 1, carrier or 1, TABLE_SIZE]. base: number of the first carrier's deck.
     """
-    ti.loop_config(serialize=serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(state.shape[0], state.shape[1]):
         if ti.static(base == 0):
             way[e, i, WHICH], way[e, i, DISTANCE] = 0.0, 0.0
@@ -177,14 +178,13 @@ def write_way(way: ti.template(), e, i, before: ti.template(), after: ti.templat
 @ti.kernel
 def react(
     state: array3, derived: array3, before: array3, table: array3, way: array3, base: ti.template(),
-    serial: ti.template(),
 ):  # fmt: skip
     """Move the carriers `state` [env, carrier, 13] by the reactions of vehicles with legs that loads did not include.
 
     `way` [env, vehicle, WAY_SIZE] holds the displacements and impulses; they are added in the order of the vehicles.
     `before` holds the carriers at the beginning of the step.
     """
-    ti.loop_config(serialize=serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, j in ti.ndrange(state.shape[0], state.shape[1]):
         zero = state[e, j, 0] * 0.0
         shift = ti.Vector([zero, zero, zero])

@@ -146,7 +146,7 @@ class UnityAircraft(Aircraft):
 
     def build(self, fleet: Fleet, around: Surroundings) -> Build:
         """What the kernel is compiled for; sea and air do not matter."""
-        return Build(varied=fleet.varied, loaded=fleet.loaded, width=lanes.width(), serial=fleet.few)
+        return Build(varied=fleet.varied, loaded=fleet.loaded, width=lanes.width())
 
     def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance one control step."""

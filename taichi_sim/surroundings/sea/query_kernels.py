@@ -18,7 +18,6 @@ from taichi_sim.surroundings.sea import gerstner
 
 NEWTON_ITERATIONS = 12  # exact to rounding for seas, and for a single wave of k a up to 0.99
 TWO_PI = 2 * math.pi
-PHASE, ELEVATION = 5.0, 100.0  # ns per component, approximate: of `advance_phases`, of `elevation`
 SURFACE_COLUMNS, COLUMN_COLUMNS, AIRY_COLUMNS = 12, 7, 4
 # Columns of `surface`: elevation, label, Jacobian, slope, velocity, acceleration
 HEIGHT, LABEL, JACOBIAN, SLOPE, VELOCITY, ACCELERATION = 0, slice(1, 3), 3, slice(4, 6), slice(6, 9), slice(9, 12)
@@ -28,11 +27,11 @@ AIRY_VELOCITY, AIRY_PRESSURE = slice(0, 3), 3  # columns of `airy`
 
 @ti.kernel
 def advance_phases(
-    phase: array2, omega64: ti.types.ndarray(dtype=ti.f64, ndim=2), phase64: ti.types.ndarray(dtype=ti.f64, ndim=2),
-    env_sea: whole1, time: ti.types.ndarray(dtype=ti.f64, ndim=1), count: ti.template(), serial: ti.template(),
+    env_sea: whole1, phase: array2, omega64: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    phase64: ti.types.ndarray(dtype=ti.f64, ndim=2), time: ti.types.ndarray(dtype=ti.f64, ndim=1), count: ti.template(),
 ):  # fmt: skip
     """Write phase - omega t of every component of every row, in [0, 2 pi)."""
-    ti.loop_config(serialize=serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for row in range(phase.shape[0]):
         s = env_sea[row]
         for c in range(count):
@@ -60,10 +59,9 @@ def surface(out: array2, points: array2, phase: array2, sea: array3, env_sea: wh
 @ti.kernel
 def elevation(
     out: array1, points: array2, phase: array2, sea: array3, point_row: whole1, env_sea: whole1, count: ti.template(),
-    serial: ti.template(),
 ):  # fmt: skip
     """Elevation at points [point, 2]; point_row [point] is each point's row in `phase` and `env_sea`."""
-    ti.loop_config(serialize=serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for i in range(points.shape[0]):
         row = point_row[i]
         s, zero = env_sea[row], points[i, NORTH] * 0.0
@@ -71,14 +69,13 @@ def elevation(
         out[i] = gerstner.elevation_at_label(sea, phase, count, s, row, L[0], L[1], zero)
 
 
-_elevation = runtime.Launcher(elevation)
+_elevation = runtime.Launcher(elevation, few=runtime.LARGE)
 
 
 def elevations(sea: Tensor, points: Tensor, point_row: Tensor, env_sea: Tensor, phase: Tensor) -> Tensor:
     """Elevation [point] (m, up) at points [point, 2]; point_row [point] (int32): row in `env_sea` and `phase`."""
     out, components = sea.new_empty(points.shape[0]), sea.shape[2]
-    serial = runtime.few(points.shape[0], ELEVATION * components)
-    _elevation.once(out, points.contiguous(), phase, sea, point_row, env_sea, components, serial)
+    _elevation.once(out, points.contiguous(), phase, sea, point_row, env_sea, components)
     return out
 
 

@@ -181,8 +181,7 @@ class Sea:
         launch, components = self._advance, self.num_components
         if out is None:
             launch, out = self._advance.once, self.table.new_empty((env_sea.shape[0], components))
-        serial = runtime.few(env_sea.shape[0], query_kernels.PHASE * components)
-        launch(out, self._omega64, self._phase64, env_sea, time, components, serial)
+        launch(env_sea, out, self._omega64, self._phase64, time, components)
         return out
 
     def waves_at(self, time: float, sea: int = 0) -> np.ndarray:

@@ -258,7 +258,7 @@ class FixedWing6DOF(Aircraft):
     def build(self, fleet: Fleet, around: Surroundings) -> Build:
         """What the kernel is compiled for: the kind of air. The sea does not matter."""
         air = local_air.local_air(around.air, uneven=around.turbulence is not None)
-        return Build(varied=fleet.varied, loaded=fleet.loaded, air=air, width=lanes.width(), serial=fleet.few)
+        return Build(varied=fleet.varied, loaded=fleet.loaded, air=air, width=lanes.width())
 
     def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance one control step."""

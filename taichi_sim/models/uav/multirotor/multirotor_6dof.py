@@ -200,7 +200,7 @@ class Multirotor6DOF(Vehicle):
         decked = fleet.touch is not None
         return Build(
             components, varied=fleet.varied, loaded=fleet.loaded, air=air, decked=decked,
-            width=1 if decked else lanes.width(), serial=fleet.few,
+            width=1 if decked else lanes.width(),
         )  # fmt: skip
 
     def step(self, fleet: Fleet, around: Surroundings) -> None:

@@ -49,7 +49,6 @@ RESIDUAL = {"f64": 1e-9, "f32": 1e-4}  # largest residual of a trim, m/s^2 and r
 ENOUGH = {"f64": 1e-13, "f32": 1e-6}  # residual at which the search ends, m/s^2 and rad/s^2
 BEYOND, FLATTEST = 2.0, 0.1  # bounds of the search: largest speed over omega_max, least vertical thrust over weight
 LEVEL = 1e-6  # level part of the bow's direction below which it has no heading
-BEGIN = 3000.0  # ns to begin a flight, about
 PHI, THETA, LEFT, SPEEDS = range(4)
 """Columns of a solution: roll, pitch (rad), what is left of the accelerations (m/s^2, rad/s^2), rotor speeds (rad/s).
 """
@@ -161,13 +160,13 @@ def _charged(craft: MultirotorParams) -> tuple[float, float]:
 
 
 @ti.kernel
-def begin_flight(craft: ti.template(), state: array3, wind: array3, tilted: array3, aux: array3, serial: ti.template()):
+def begin_flight(craft: ti.template(), state: array3, wind: array3, tilted: array3, aux: array3):
     """Write how vehicles at `state` [n, vehicle, 13] in `wind` [n, vehicle, 3] (NED, m/s) begin a steady flight.
 
     `tilted` gets their states, with the velocities over ground and the headings of `state`; `aux` gets instruments and
     controllers that are settled in that flight. The first step draws the turbulence.
     """
-    ti.loop_config(serialize=serial)
+    ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(state.shape[0], state.shape[1]):
         y, air = taken(state, e, i, 0, STATE_SIZE), taken(wind, e, i, 0, 3)
         p = ti.static(nominal_numbers(craft))
@@ -203,7 +202,7 @@ def begin_flight(craft: ti.template(), state: array3, wind: array3, tilted: arra
             aux[e, i, at.SPEEDS + k] = ti.max(speed, ti.static(craft.rotor.omega_min))
 
 
-_begin = runtime.Launcher(begin_flight)
+_begin = runtime.Launcher(begin_flight, few=runtime.LARGE)
 
 
 def trim(
@@ -240,8 +239,7 @@ def trimmed(craft: MultirotorParams, state: Tensor, around: Surroundings) -> tup
         Their states [n, vehicle, 13], tilted into the wind, and their auxiliary states [n, vehicle, ..] (`at`).
     """
     tilted, aux = torch.empty_like(state), state.new_empty((*state.shape[:2], at.SPEEDS + len(craft.rotors)))
-    serial = runtime.few(tilted[..., 0].numel(), BEGIN)
-    _begin.once(craft, state.contiguous(), wind_at(state, around).contiguous(), tilted, aux, serial)
+    _begin.once(craft, state.contiguous(), wind_at(state, around).contiguous(), tilted, aux)
     return tilted, aux
 
 

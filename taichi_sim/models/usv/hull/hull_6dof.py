@@ -153,7 +153,9 @@ class Hull6Dof(Vessel):
             SeaKey | None, tuple[weakref.ref[Tensor] | None, Mapping[str, Tensor], dict[float, ArgPack]]
         ] = {}  # fmt: skip
         self._generation = -1
-        self._float, self._label = runtime.Launcher(motion.float_on_waves), runtime.Launcher(motion.find_label)
+        self._float, self._label = (
+            runtime.Launcher(kernel, few=0) for kernel in (motion.float_on_waves, motion.find_label)
+        )
 
     def _check_sizes(self) -> None:
         """Refuse sizes of the file that are not those of its panels: wind, thrusters and collisions count with them."""
