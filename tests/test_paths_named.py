@@ -17,7 +17,7 @@ END = r"(?![\w*{/])"
 FROM_ROOT = re.compile(rf"(?<![\w/.\-])(?:{'|'.join(OURS)})/[\w./\-]*\w\.(?:py|md|toml|json|ipynb|png){END}")
 MODULE = re.compile(rf"(?<![\w/.\-*}}])(?:\.\./)*(?:[\w\-]+/)*[\w\-]+\.py{END}")
 LINK = re.compile(r"\]\((?!https?:|#)([^)#\s]+)")
-EXAMPLES = {"my_boat.py"}  # of a reader's own
+EXAMPLES = {"my_boat.py", "mine.py"}  # of a reader's own
 WHOEVER = re.compile(r"(?:^|/|_)[A-Z]+(?:[./]|$)")  # NAME.py stands for any
 
 

@@ -206,11 +206,7 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def against(args: argparse.Namespace, seconds: float) -> list[dict[str, Any]]:
-    """Compare with another checkout and print the ratios.
-
-    Raises:
-        FileNotFoundError: if there is no such checkout.
-    """
+    """Compare with another checkout and print the ratios."""
     script = args.against / "tools" / "benchmark.py"
     if not script.is_file():
         raise FileNotFoundError(f"{script}: no such file; --against takes a checkout of this project")

@@ -100,9 +100,6 @@ def paired(
         kind: the mission's judge.
         controllers: the episodes of each controller.
         times: as for `differences`.
-
-    Raises:
-        ValueError: if the numbers of episodes differ.
     """
     counts = [_count(episodes) for episodes in controllers]
     if len(set(counts)) > 1:

@@ -193,11 +193,7 @@ def spent(file: Path, iterations: int | None = None) -> Spent:
 
 
 def read_history(path: Path) -> dict[str, NDArray[np.float64]]:
-    """The columns of a team's progress.csv; a blank is NaN.
-
-    Raises:
-        ValueError: if a cell is not a number.
-    """
+    """The columns of a team's progress.csv; a blank is NaN."""
     return _columns(read_rows(path), list(COLUMNS))
 
 

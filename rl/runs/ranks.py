@@ -235,11 +235,7 @@ def _connected(rank: int, count: int) -> Iterator[dict[int, Connection]]:
 
 
 def _exchange(wire: Connection, mine: torch.Tensor, theirs: torch.Tensor, first: bool) -> None:
-    """Send `mine` and receive `theirs`, of the same size. `first` is true at one end only, or both would wait.
-
-    Raises:
-        RuntimeError: if the process at the other end is gone.
-    """
+    """Send `mine` and receive `theirs`, of the same size. `first` is true at one end only, or both would wait."""
     try:
         for sends in (first, not first):
             if sends:

@@ -147,11 +147,7 @@ class TrainingView:
 
 @contextlib.contextmanager
 def episode_view(wanted: bool, port: int = PORT, speed: float = 1.0) -> Iterator[EpisodeView | None]:
-    """The view for `play --live`, or None if not wanted.
-
-    Raises:
-        OSError: if the port is in use.
-    """
+    """The view for `play --live`, or None if not wanted."""
     if not wanted:
         yield None
         return
@@ -164,11 +160,7 @@ def episode_view(wanted: bool, port: int = PORT, speed: float = 1.0) -> Iterator
 
 @contextlib.contextmanager
 def training_view(wanted: bool, port: int = PORT) -> Iterator[TrainingView | None]:
-    """The view for `train --watch`, or None if not wanted.
-
-    Raises:
-        OSError: if the port is in use.
-    """
+    """The view for `train --watch`, or None if not wanted."""
     if not wanted:
         yield None
         return

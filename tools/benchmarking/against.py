@@ -37,11 +37,7 @@ class Worker:
         self.checkout, self.cases = checkout, self.ask("cases")
 
     def ask(self, order: str) -> Any:
-        """The answer to an order.
-
-        Raises:
-            RuntimeError: if the process has ended.
-        """
+        """The answer to an order."""
         assert self._process.stdin and self._process.stdout
         try:
             print(order, file=self._process.stdin, flush=True)

@@ -405,11 +405,7 @@ def shaft_speeds(thrusters: ti.template(), fleet: FleetPack, out: ti.types.ndarr
 
 
 def published_otter(path: Path | None) -> tuple[Any, Any]:
-    """PythonVehicleSimulator's Otter and its attitudeEuler, as installed, or from a checkout at `path`.
-
-    Raises:
-        ConfigError: if it is missing.
-    """
+    """PythonVehicleSimulator's Otter and its attitudeEuler, as installed, or from a checkout at `path`."""
     folders = [] if path is None else [folder for folder in (path, path / "src") if _holds(folder)]
     if path is not None and not folders:
         raise ConfigError(f"--path {path}: there is no python_vehicle_simulator: name a checkout of {PUBLISHED}")

@@ -31,11 +31,7 @@ SIMULATED = "SIM_SPEEDUP"  # a parameter that simulated autopilots alone have
 
 
 def dialect() -> Any:
-    """The MAVLink 2 dialect of ArduPilot.
-
-    Raises:
-        MissingExtraError: if pymavlink is not installed.
-    """
+    """The MAVLink 2 dialect of ArduPilot."""
     with needs("pymavlink", "ardupilot"):
         from pymavlink.dialects.v20 import ardupilotmega
     return ardupilotmega

@@ -133,11 +133,7 @@ class Companion:
         return [*self.links, *chain.from_iterable(self.followed.values())]
 
     def rehearse(self) -> None:
-        """Make some decisions for the vehicles of the simulation, so that the first real one waits for no compiler.
-
-        Raises:
-            CheckpointError: if the policy was trained with other observations or actions.
-        """
+        """Make some decisions for the vehicles of the simulation, so that the first real one waits for no compiler."""
         fleet, taken = self.team.fleet, None
         laid = LaidCourse(Origin(0.0, 0.0), 0.0, (0.0, 0.0), 0.0)
         for _ in range(REHEARSAL):

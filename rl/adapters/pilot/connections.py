@@ -42,11 +42,7 @@ class Address(NamedTuple):
 
 
 def read_address(text: str) -> Address:
-    """An address from `udp:ADDRESS:PORT` or `tcp:ADDRESS:PORT`, with `#SYSTEM` or without.
-
-    Raises:
-        ConfigError: for anything else.
-    """
+    """An address from `udp:ADDRESS:PORT` or `tcp:ADDRESS:PORT`, with `#SYSTEM` or without."""
     match = re.fullmatch(r"(udp|tcp):([0-9.]+):(\d{1,5})(?:#(\d{1,3}))?", text)
     with suppress(ValueError):
         if match and 1 <= int(match[3]) <= 65535 and 1 <= int(match[4] or 1) <= 255 and ip_address(match[2]):

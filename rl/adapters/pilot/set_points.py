@@ -192,11 +192,7 @@ class Sticks:
 
 
 def orders_of(team: Team) -> Orders:
-    """The orders for a team's actions.
-
-    Raises:
-        ConfigError: for other actions or another vehicle; the message names both.
-    """
+    """The orders for a team's actions."""
     model, names = team.fleet.model, team.action_names
     if model.medium == "water" and names == CORRECTIONS:
         return Velocity()

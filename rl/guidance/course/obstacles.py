@@ -268,9 +268,6 @@ class Traffic:
             starts: [world, start, vehicle, 2], m, where vehicles begin.
             obstacles: fixed obstacles [world, n, 4]: north, east, radius, height.
             generator: of random numbers.
-
-        Raises:
-            ValueError: if more than a tenth of them find no way between the fixed obstacles.
         """
         shape = progress.shape
         found = torch.zeros((*shape, ROWS, self.bodies))

@@ -43,11 +43,7 @@ class PacketError(ValueError):
 
 
 def parse(data: bytes) -> Servos:
-    """Decode a packet with 16 or 32 channels.
-
-    Raises:
-        PacketError: for a wrong length, an unknown magic, or a frame rate of zero.
-    """
+    """Decode a packet with 16 or 32 channels."""
     if len(data) < 2:
         raise PacketError(f"{len(data)} bytes are no packet")
     magic = int.from_bytes(data[:2], "little")

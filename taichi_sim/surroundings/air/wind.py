@@ -100,11 +100,7 @@ def gust_velocity(gust: ti.template(), position, time):
 
 
 def beaufort_speed(force: int) -> float:
-    """Middle of the range of wind speeds (m/s, at 10 m) of a Beaufort force; for force 12 the lower end.
-
-    Raises:
-        ValueError: for a force outside 0..12.
-    """
+    """Middle of the range of wind speeds (m/s, at 10 m) of a Beaufort force; for force 12 the lower end."""
     if force not in range(len(BEAUFORT)):
         raise ValueError(f"beaufort = {force!r}: allowed are 0 to {len(BEAUFORT) - 1}")
     return sum(BEAUFORT[force]) / 2

@@ -302,11 +302,7 @@ class Sea:
         return points, index, flat[-2].contiguous(), shape
 
     def _one(self, sea: int) -> int:
-        """The number of a realisation.
-
-        Raises:
-            ValueError: if it is no whole number. IndexError: if there is no such realisation.
-        """
+        """The number of a realisation."""
         sea = whole_number(sea, "sea")
         self.check(torch.tensor([sea]))
         return sea

@@ -102,22 +102,14 @@ def swell_size(config: SwellConfig) -> SeaSize:
 
 
 def sea_state_range(code: int) -> tuple[float, float]:
-    """Smallest and largest significant wave height (m) of sea state `code`, 0 to 9; code 9 has no upper limit.
-
-    Raises:
-        ValueError: for a code outside 0..9.
-    """
+    """Smallest and largest significant wave height (m) of sea state `code`, 0 to 9; code 9 has no upper limit."""
     if code not in range(len(UPPER_HS)):
         raise ValueError(f"sea state {code!r}: allowed are 0 to {len(UPPER_HS) - 1}")
     return (UPPER_HS[code - 1] if code > 0 else 0.0), UPPER_HS[code]
 
 
 def sea_state(hs: float) -> int:
-    """Sea state number of a significant wave height (m).
-
-    Raises:
-        ValueError: for a negative height or one that is not a number.
-    """
+    """Sea state number of a significant wave height (m)."""
     if not hs >= 0:
         raise ValueError(f"hs = {hs!r}: must be 0 m or more")
     return next(code for code, upper in enumerate(UPPER_HS) if hs <= upper)

@@ -106,11 +106,7 @@ class View(NamedTuple):
 
 
 def check_picture(size: tuple[int, int], view: str, teams: Collection[str] | None) -> None:
-    """Refuse a size or a view that cannot be drawn; `teams` if known.
-
-    Raises:
-        ValueError: if the size is out of range or the view unknown.
-    """
+    """Refuse a size or a view that cannot be drawn; `teams` if known."""
     if not (LEAST[0] <= size[0] <= MOST_PX and LEAST[1] <= size[1] <= MOST_PX):
         raise ValueError(f"a picture of {size[0]}x{size[1]}: allowed is {LEAST[0]}x{LEAST[1]} to {MOST_PX}x{MOST_PX}")
     if teams is not None and view not in (allowed := ("auto", "overview", "map", *teams)):

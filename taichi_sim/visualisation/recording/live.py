@@ -153,9 +153,6 @@ def serve_web(file: Path, port: int = PORT, web_port: int = WEB_PORT) -> tuple[s
     """Serve a recording to browsers on this machine, until the process that is returned, or this one, ends.
 
     Also returns the address to open.
-
-    Raises:
-        OSError: if a port is in use, or the server does not start.
     """
     refuse_used(port)
     refuse_used(web_port)
@@ -228,11 +225,7 @@ def _log_at(rec: rr.RecordingStream, now: np.timedelta64, path: str, thing: rr.A
 
 
 def refuse_used(port: int) -> None:
-    """Refuse a port that is in use.
-
-    Raises:
-        OSError: if the port is in use or out of range; the message names it.
-    """
+    """Refuse a port that is in use."""
     if port > 65535:
         raise OSError(errno.EINVAL, f"port {port} is above 65535: give another with --port")
     with socket.socket() as probe:

@@ -195,9 +195,6 @@ class Hydrostatics:
         """Poses [..., 3] of least potential energy near `pose`; components that are not `free` stay.
 
         Newton's method with absolute values of the curvatures goes downhill, and so leaves maxima.
-
-        Raises:
-            ValueError: if it does not converge.
         """
         pose = np.array(pose, dtype=np.float64)
         index = np.flatnonzero(free)
@@ -265,11 +262,7 @@ class Hydrostatics:
 
 
 def check_floats(hull: Hydrostatics) -> None:
-    """Refuse a hull that sinks, capsizes or puts its deck under water.
-
-    Raises:
-        ValueError: stating the numbers and what to change.
-    """
+    """Refuse a hull that sinks, capsizes or puts its deck under water."""
     afloat = hull.rho * hull.volume_below_deck
     if hull.mass >= afloat:
         raise ValueError(

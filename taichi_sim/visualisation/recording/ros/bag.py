@@ -52,11 +52,7 @@ def check_bag(path: Path, *, folder: bool, origin: Origin = FJORD) -> None:
 
 
 def write_mcap(episode: Episode, file: Path, *, origin: Origin = FJORD, show_progress: bool = False) -> Path:
-    """Write `episode` as an MCAP file, which replaces an old one.
-
-    Raises:
-        OSError: if the disk cannot take it.
-    """
+    """Write `episode` as an MCAP file, which replaces an old one."""
     check_bag(file, folder=False, origin=origin)
     from mcap.writer import Writer
     from rosbags.rosbag2.metadata import dump_qos_v8
@@ -84,11 +80,7 @@ def write_mcap(episode: Episode, file: Path, *, origin: Origin = FJORD, show_pro
 
 
 def write_rosbag2(episode: Episode, folder: Path, *, origin: Origin = FJORD, show_progress: bool = False) -> Path:
-    """Write `episode` as a rosbag2 folder, which must not exist yet, or be empty.
-
-    Raises:
-        OSError: if the disk cannot take it.
-    """
+    """Write `episode` as a rosbag2 folder, which must not exist yet, or be empty."""
     check_bag(folder, folder=True, origin=origin)
     from rosbags.rosbag2 import StoragePlugin, Writer
 
