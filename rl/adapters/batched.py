@@ -34,6 +34,7 @@ from taichi_sim.config.arguments import ActionError, Envs, environments, numbers
 from taichi_sim.config.explain_errors import nearly
 from taichi_sim.config.io import find_config
 from taichi_sim.config.plugins import is_plugin
+from taichi_sim.errors import refuse
 from taichi_sim.kernels import runtime
 
 ByTeam = dict[str, Tensor]
@@ -224,24 +225,18 @@ def _parts(
     if teams is None:
         teams = [name for name in config.trained or allowed if name not in others]
     acting = [teams] if isinstance(teams, str) else list(teams)
-    for argument, names in (("teams", acting), ("others", others)):
-        for name in names:
-            _check_commanded(config, argument, name, allowed)
-    if both := [name for name in acting if name in others]:
-        raise ValueError(f"others: {', '.join(both)} is also named in teams: it either acts or is one of the others")
-    if not acting:
-        raise ValueError(f"teams: none acts; allowed are {', '.join(allowed)}")
+    named = [("teams", name) for name in acting] + [("others", name) for name in others]
+    argument, name = next(((argument, name) for argument, name in named if name not in allowed), ("", ""))
+    what = f"a script acts for {name!r}" if name in config.scripted else f"there is no team {name!r}"
+    hint = f", did you mean {close!r}?" if (close := nearly(name, allowed)) else ""
+    both = [name for name in acting if name in others]
+    refuse(
+        ValueError,
+        (argument, f"{argument}: {what}{hint}; allowed are {', '.join(allowed)}"),
+        (both, f"others: {', '.join(both)} is also named in teams: it either acts or is one of the others"),
+        (not acting, f"teams: none acts; allowed are {', '.join(allowed)}"),
+    )
     return [name for name in allowed if name in acting], others
-
-
-def _check_commanded(config: Scenario, argument: str, name: str, allowed: Sequence[str]) -> None:
-    """Refuse a team `name` that is not in `allowed`; `argument` names the argument in the message."""
-    if name in config.scripted:
-        raise ValueError(f"{argument}: a script acts for {name!r}; allowed are {', '.join(allowed)}")
-    if name not in allowed:
-        close = nearly(name, allowed)
-        hint = f", did you mean {close!r}?" if close else ""
-        raise ValueError(f"{argument}: there is no team {name!r}{hint}; allowed are {', '.join(allowed)}")
 
 
 def policy_of_other(other: str | Path, team: Team, config: Scenario) -> Policy:

@@ -35,6 +35,7 @@ from rl.adapters.batched import BatchedEnv
 from rl.adapters.render import MODES, Pictures, frames_per_second
 from rl.mission import Mission
 from taichi_sim.config.arguments import ActionError, numbers, whole_number
+from taichi_sim.errors import refuse
 from taichi_sim.kernels import runtime
 
 Options = dict[str, np.ndarray]
@@ -182,13 +183,13 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._pictures.close()
 
     def _reset_mask(self, options: Options) -> np.ndarray:
-        if unknown := options.keys() - {"reset_mask"}:
-            raise ValueError(f"reset options {sorted(unknown)} are unknown: allowed is 'reset_mask'")
-        mask = options.get("reset_mask", np.ones(self.num_envs, dtype=bool))
-        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (self.num_envs,):
-            raise ValueError(f"reset_mask = {mask!r} must be a bool array of shape ({self.num_envs},)")
-        if not mask.any():
-            raise ValueError("reset_mask must be true somewhere")
+        unknown, mask = options.keys() - {"reset_mask"}, options.get("reset_mask", np.ones(self.num_envs, dtype=bool))
+        fits = isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (self.num_envs,) and mask.any()
+        refuse(
+            ValueError,
+            (unknown, f"reset options {sorted(unknown)} are unknown: allowed is 'reset_mask'"),
+            (not fits, f"reset_mask = {mask!r} must be a bool array of shape ({self.num_envs},), true somewhere"),
+        )
         return mask.copy()
 
     def _unstacked(self, actions: np.ndarray | Tensor, ignored: np.ndarray) -> Tensor:

@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from rl.adapters.gymnasium import Infos, TeamVectorEnv
-from taichi_sim.errors import needs
+from taichi_sim.errors import needs, refuse
 
 with needs("stable-baselines3", "sb3"):
     from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices
@@ -35,15 +35,14 @@ class TeamVecEnv(VecEnv):
                 "SameStep".
         """
         self.envs = envs.unwrapped
-        if not isinstance(self.envs, TeamVectorEnv):
-            raise ValueError(f"{envs}: not a vector environment of taichi_sim")
-        if self.envs is not envs:
-            raise ValueError(
-                f"{type(envs).__name__} of Gymnasium would not act on the last observations of episodes: hand over "
-                "envs.unwrapped, and wrap the result by VecNormalize, VecMonitor ... of Stable-Baselines3"
-            )
-        if self.envs.autoreset_mode is not AutoresetMode.SAME_STEP:
-            raise ValueError(f"autoreset_mode = {self.envs.autoreset_mode.value!r}: only 'SameStep' is allowed")
+        mode = getattr(self.envs, "autoreset_mode", AutoresetMode.SAME_STEP)
+        refuse(
+            ValueError,
+            (not isinstance(self.envs, TeamVectorEnv), f"{envs}: not a vector environment of taichi_sim"),
+            (self.envs is not envs, f"{type(envs).__name__} of Gymnasium would not act on the last observations of "
+             "episodes: hand over envs.unwrapped, and wrap the result by VecNormalize ... of Stable-Baselines3"),
+            (mode is not AutoresetMode.SAME_STEP, f"autoreset_mode = {mode.value!r}: only 'SameStep' is allowed"),
+        )  # fmt: skip
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
         self._actions = np.zeros(self.envs.action_space.shape or (), np.float32)
         self._return, self._length = np.zeros(self.num_envs), np.zeros(self.num_envs, dtype=np.int64)

@@ -17,6 +17,7 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
+from taichi_sim.errors import refuse
 from taichi_sim.options import positive_float, seed
 
 SLOWEST = 0.01  # of real time; a slower simulation is looked at as often as this one
@@ -113,43 +114,38 @@ def made(args: argparse.Namespace, addresses, wires, tell):
 
     config, source, team, policy = policy_of(args)
     kind = find_mission(config.mission, [source.parent])
-    sea = kind.piloted(config, team)
-    if sea is None:
-        raise ConfigError(
-            f"scenario {config.name!r}: its mission, {kind.__name__}, has no companion for {team} (Mission.piloted)"
-        )
-    count = config.teams[team].count
-    if len(args.connect) != count:
-        raise ConfigError(
-            f"{len(args.connect)} x --connect, and {team}.count = {count}: give one for each vehicle, or --set "
-            f"{team}.count={len(args.connect)}"
-        )
+    sea, count, given = kind.piloted(config, team), config.teams[team].count, len(args.connect)
+    refuse(
+        ConfigError,
+        (sea is None,
+         f"scenario {config.name!r}: its mission, {kind.__name__}, has no companion for {team} (Mission.piloted)"),
+        (given != count, f"{given} x --connect, and {team}.count = {count}: give one for each vehicle, or --set "
+         f"{team}.count={given}"),
+    )  # fmt: skip
     mission = kind(sea, 1, seed=config.seed if args.seed is None else args.seed, teams=(team,), source=source)
     orders = orders_of(mission.teams[team])
-    if args.guided and orders.station:
-        raise ConfigError("--guided: this policy commands thrust and yaw, which only MANUAL obeys: set it yourself")
     others = mission.followed(mission.teams[team])
-    if not others and args.follow:
-        raise ConfigError(f"--follow {args.follow[0]}: this policy follows nobody")
     laid = {"--origin": args.origin, "--heading": args.heading, "--seed": args.seed}
-    if useless := [name for name, value in laid.items() if value is not None]:
-        if mission.course(mission.teams[team]) is None:
-            raise ConfigError(f"{useless[0]}: there is no course in {config.mission!r} that could begin somewhere")
+    useless = next((name for name, value in laid.items() if value is not None), "")
     members = [(name, k) for name in (team, *others) for k in range(config.teams[name].count)]
-    if len(members) != len(addresses):
-        wanted = " and ".join(f"{config.teams[name].count} of {name}" for name in others) or "none"
-        raise ConfigError(f"{len(args.follow)} x --follow: expected {wanted}, which this policy must know")
+    wanted = " and ".join(f"{config.teams[name].count} of {name}" for name in others) or "none"
+    north, east = args.origin or (0.0, 0.0)
+    refuse(
+        ConfigError,
+        (args.guided and orders.station,
+         "--guided: this policy commands thrust and yaw, which only MANUAL obeys: set it yourself"),
+        (useless and mission.course(mission.teams[team]) is None,
+         f"{useless}: there is no course in {config.mission!r} that could begin somewhere"),
+        (len(members) != len(addresses), f"{len(args.follow)} x --follow: this policy follows {wanted}"),
+        (args.disarm and config.mission != "landing", "--disarm: only landings have an end at which vehicles rest"),
+        (abs(north) > 90 or abs(east) > 180,
+         f"--origin {north:g} {east:g}: latitude is -90 to 90, longitude -180 to 180"),
+    )  # fmt: skip
     links: dict[str, list[Link]] = {}
     for (name, k), address, wire in zip(members, addresses, wires, strict=True):
         title = f"{'vehicle' if name == team else name} {k + 1} ({address})"
         station, airy = orders.station and name == team, name == team and bool(mission.teams[team].observed_air)
         links.setdefault(name, []).append(Link(title, wire.send, station=station, system=address.system, airy=airy))
-    if args.disarm and config.mission != "landing":
-        raise ConfigError("--disarm: only landings have an end at which vehicles rest")
-    if args.origin is not None and not (abs(args.origin[0]) <= 90 and abs(args.origin[1]) <= 180):
-        raise ConfigError(
-            f"--origin {args.origin[0]:g} {args.origin[1]:g}: latitude is -90 to 90, longitude -180 to 180"
-        )
     heading = None if args.heading is None else math.radians(args.heading)
     origin = None if args.origin is None else Origin(*args.origin)
     return Companion(

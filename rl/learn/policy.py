@@ -17,7 +17,7 @@ from rl.mission import ControllerError, Policy, Team, VehicleActions
 from rl.planning.planner import HonestPlanner, Planner
 from rl.scenario import Scenario, StageConfig
 from taichi_sim.config.io import replacing
-from taichi_sim.errors import UserError
+from taichi_sim.errors import UserError, refuse
 
 UNREADABLE = (RuntimeError, EOFError, OSError, ValueError, LookupError, AttributeError, TypeError,
               pickle.UnpicklingError, zipfile.BadZipFile, zlib.error)  # fmt: skip
@@ -55,16 +55,16 @@ def read_checkpoint(file: Path) -> dict:
         with zipfile.ZipFile(file) as parts:
             damaged = parts.testzip()
         content = torch.load(file, weights_only=True, map_location="cpu")
-    except FileNotFoundError:
-        raise CheckpointError(f"{file}: no such checkpoint") from None
     except UNREADABLE as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise CheckpointError(f"{file}: not a whole checkpoint: {reason}") from None
-    if damaged:
-        raise CheckpointError(f"{file}: not a whole checkpoint: its part {damaged} is not what was written")
     kinds = {"actor_state_dict": dict, "iter": int, "infos": dict | None}
-    if not isinstance(content, dict) or not all(isinstance(content.get(key), kind) for key, kind in kinds.items()):
-        raise CheckpointError(f"{file}: not a checkpoint of this project")
+    ours = isinstance(content, dict) and all(isinstance(content.get(key), kind) for key, kind in kinds.items())
+    refuse(
+        CheckpointError,
+        (damaged, f"{file}: not a whole checkpoint: its part {damaged} is not what was written"),
+        (not ours, f"{file}: not a checkpoint of this project"),
+    )
     return content
 
 

@@ -81,8 +81,6 @@ class Network:
             self._evaluator = ReferenceEvaluator(model, new_ops=[Gemm, MatMul])
             given = {entry.key: entry.value for entry in model.metadata_props}
             self.signature = {key: tuple(json.loads(given[key])) for key in ("observations", "actions") if key in given}
-        except FileNotFoundError:
-            raise CheckpointError(f"{file}: no such file") from None
         except Exception as error:  # whatever a stranger's file makes onnx raise
             raise CheckpointError(f"{file}: not a network in ONNX: {type(error).__name__}: {error}") from None
         constant = {tensor.name for tensor in model.graph.initializer}

@@ -17,6 +17,7 @@ from rl.scenario import PRETRAINED, Scenario, derive_seed
 from taichi_sim.applications.sitl.channels import changes_for
 from taichi_sim.applications.sitl.lockstep import LockstepWorld
 from taichi_sim.config import ConfigError
+from taichi_sim.errors import refuse
 from taichi_sim.kernels import runtime
 
 Vehicle = tuple[str, int]
@@ -29,16 +30,17 @@ def read_autopilots(texts: Sequence[str], config: Scenario) -> dict[Vehicle, int
     found: dict[Vehicle, int] = {}
     for text in texts:
         match = re.fullmatch(r"(\w+)\.(\d+)=(\d+)", text)
-        if match is None:
-            raise ConfigError(f"--autopilot {text}: expected TEAM.NUMBER=PORT, for example usv.0=9002")
-        team, number, port = match[1], int(match[2]), int(match[3])
-        if team not in config.teams or number >= config.teams[team].count:
-            there = ", ".join(f"{name}.0 to {name}.{of.count - 1}" for name, of in config.teams.items())
-            raise ConfigError(f"--autopilot {text}: there is no such vehicle; there are {there}")
-        if not PORTS[0] <= port <= PORTS[1]:
-            raise ConfigError(f"--autopilot {text}: ports are {PORTS[0]} to {PORTS[1]}")
-        if (team, number) in found or port in found.values():
-            raise ConfigError(f"--autopilot {text}: a vehicle has one autopilot, and this a port of its own")
+        team, number, port = (match[1], int(match[2]), int(match[3])) if match else ("", 0, 0)
+        known = team in config.teams and number < config.teams[team].count
+        there = ", ".join(f"{name}.0 to {name}.{of.count - 1}" for name, of in config.teams.items())
+        twice = (team, number) in found or port in found.values()
+        refuse(
+            ConfigError,
+            (not match, f"--autopilot {text}: expected TEAM.NUMBER=PORT, for example usv.0=9002"),
+            (not known, f"--autopilot {text}: there is no such vehicle; there are {there}"),
+            (not PORTS[0] <= port <= PORTS[1], f"--autopilot {text}: ports are {PORTS[0]} to {PORTS[1]}"),
+            (twice, f"--autopilot {text}: a vehicle has one autopilot, and this a port of its own"),
+        )
         found[team, number] = port
     return found
 

@@ -55,13 +55,12 @@ def names(given: object, what: str) -> tuple[str, ...]:
 
 def _tensor(given: object) -> Tensor:
     """A dense tensor of numbers; what torch would drop, as NumPy's masks, or cannot calculate with is a ValueError."""
-    if np.ma.is_masked(given):
-        raise ValueError("some entries are masked: fill them (array.filled)")
     values = torch.as_tensor(given, device=runtime.current().device).detach()
     if values.is_floating_point() and not hasattr(given, "dtype"):  # Python's numbers have 53 bits
         values = torch.as_tensor(given, dtype=torch.float64, device=values.device)
-    if values.layout != torch.strided or (values.is_floating_point() and values.itemsize < 2):
-        raise ValueError(f"{values.dtype}, {values.layout}: a dense tensor of 16 bits or more is expected")
+    small = values.is_floating_point() and values.itemsize < 2
+    if small or values.layout != torch.strided or np.ma.is_masked(given):
+        raise ValueError("a dense tensor or array of 16 bits or more is expected, with no entry masked")
     return values
 
 
@@ -69,12 +68,11 @@ def numbers(given: object, what: str) -> Tensor:
     """A tensor of `given`, a tensor, an array or nested sequences of numbers, without its gradient."""
     try:
         values = _tensor(given)
+        if values.dtype == torch.bool or values.is_complex():
+            raise ValueError(f"real numbers are expected, not {values.dtype}")
+        return values
     except (TypeError, ValueError, RuntimeError) as error:
-        told = str(error).splitlines()[0]
-        raise ActionError(f"{what} cannot be read as one tensor of numbers: {told}") from None
-    if values.dtype == torch.bool or values.is_complex():
-        raise ActionError(f"{what} are {values.dtype}: real numbers are expected")
-    return values
+        raise ActionError(f"{what} cannot be read as one tensor of numbers: {str(error).splitlines()[0]}") from None
 
 
 def checked_action(
@@ -121,25 +119,26 @@ def environments(
         values = _tensor(given)
     except (TypeError, ValueError, RuntimeError):
         raise ValueError(f"{name} = {given!r}: numbers of {one}s or a bool mask [{num_envs}] expected") from None
-    if values.dtype == torch.bool:
-        if tuple(values.shape) != (num_envs,):
-            raise ValueError(f"{name} are a mask of shape {list(values.shape)}, expected [{num_envs}]")
+    kind, shape, told = values.dtype, list(values.shape), ""
+    if kind == torch.bool and shape == [num_envs]:
         return values.nonzero().squeeze(1)
-    if not values.numel():
+    if not values.numel() and kind != torch.bool:
         return values.new_zeros(0, dtype=torch.int64)
-    if values.is_floating_point() or values.is_complex() or values.dtype == torch.uint8:
-        raise ValueError(f"{name} are numbers of {one}s or a bool mask, not {values.dtype}: {MASK}")
-    if values.dim() > 1:
-        raise ValueError(f"{name} have shape {list(values.shape)}, expected [n], or a bool mask [{num_envs}]")
-    envs = values.long().reshape(-1)
-    ordered = bool((envs[1:] > envs[:-1]).all())  # so that none is twice
-    low, high = (int(end) for end in (envs[[0, -1]] if ordered else envs.aminmax()))
-    flags = len(envs) == num_envs and low >= 0 and high <= 1
-    if flags and not whole and not isinstance(given, Sequence | int):
-        raise ValueError(f"{name} are {num_envs} zeros and ones of {values.dtype}: {MASK}; for numbers pass a list")
-    if low < 0 or high >= num_envs:
-        raise ValueError(f"{name} name {one} {low if low < 0 else high}: there are 0 to {num_envs - 1}")
-    if not (twice or ordered) and int((times := envs.bincount()).max()) > 1:
-        hint = f" ({MASK})" if flags else ""
-        raise ValueError(f"{name} name {one} {int(times.argmax())} twice{hint}")
-    return envs
+    if kind == torch.bool or values.dim() > 1:
+        told = f"have shape {shape}, expected [n], or a bool mask [{num_envs}]"
+    elif values.is_floating_point() or values.is_complex() or kind == torch.uint8:
+        told = f"are numbers of {one}s or a bool mask, not {kind}: {MASK}"
+    else:
+        envs = values.long().reshape(-1)
+        ordered = bool((envs[1:] > envs[:-1]).all())  # so that none is twice
+        low, high = (int(end) for end in (envs[[0, -1]] if ordered else envs.aminmax()))
+        flags = len(envs) == num_envs and low >= 0 and high <= 1
+        if flags and not whole and not isinstance(given, Sequence | int):
+            told = f"are {num_envs} zeros and ones of {kind}: {MASK}; for numbers pass a list"
+        elif low < 0 or high >= num_envs:
+            told = f"name {one} {low if low < 0 else high}: there are 0 to {num_envs - 1}"
+        elif twice or ordered or int((times := envs.bincount()).max()) < 2:
+            return envs
+        else:
+            told = f"name {one} {int(times.argmax())} twice" + f" ({MASK})" * flags
+    raise ValueError(f"{name} {told}")

@@ -13,7 +13,7 @@ import hashlib
 import math
 import random
 import types
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, NoReturn, Self
@@ -24,6 +24,7 @@ from pydantic import BaseModel
 from torch import Tensor
 
 from taichi_sim.config.arguments import Envs, environments, whole_number
+from taichi_sim.errors import refuse
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import Keys, Noise
 from taichi_sim.state.memory import Kind, Remembers, StateError, declared
@@ -296,8 +297,14 @@ def entries(part: object) -> list[Entry]:
 
 def _envs(given: Envs, num_envs: int, name: str, *, twice: bool = False) -> Tensor:
     """Check environments and convert them to int64 [n]."""
-    try:
+    with _as_state_errors():
         return environments(given, num_envs, name, whole=True, twice=twice)
+
+
+@contextlib.contextmanager
+def _as_state_errors() -> Iterator[None]:
+    try:
+        yield
     except ValueError as error:
         raise StateError(str(error)) from None
 
@@ -320,14 +327,8 @@ def _fits(entry: Entry, kept: Archive, num_envs: int) -> bool:
     return rows is None and now is whole is None
 
 
-def _check_noise(noise: str) -> None:
-    if noise not in ("shared", "own"):
-        raise StateError(f"noise = {noise!r}: allowed are 'shared' and 'own'")
-
-
-def _check_fork(into: object) -> None:
-    if into is not None and not isinstance(into, Stateful):
-        raise StateError(f"into = {into!r}: an earlier fork is expected")
+def _known_noise(noise: str) -> tuple[bool, str]:
+    return noise not in ("shared", "own"), f"noise = {noise!r}: allowed are 'shared' and 'own'"
 
 
 def _size(source: _Walk) -> float:
@@ -393,13 +394,10 @@ class Stateful(Remembers):
         Raises:
             StateError: for a snapshot of another world, number of environments, or version; nothing is written then.
         """
-        if not isinstance(saved, Snapshot):
-            raise StateError(f"a {type(saved).__name__} is no snapshot")
-        if saved.version != VERSION:
-            raise StateError(f"the snapshot has version {saved.version}; this program reads version {VERSION}")
+        if not isinstance(saved, Snapshot) or (saved.version, saved.num_envs) != (VERSION, self.num_envs):
+            told = f"{saved.num_envs} environments, version {saved.version}" if isinstance(saved, Snapshot) else "none"
+            raise StateError(f"the snapshot is {told}; wanted are {self.num_envs} environments, version {VERSION}")
         _same(saved, about(self), type(self).__name__)
-        if saved.num_envs != self.num_envs:
-            raise StateError(f"the snapshot has {saved.num_envs} environments, not {self.num_envs}")
         self.make(saved.made)
         found = walk(self)
         missing = {entry.path for entry in found.entries} - saved.values.keys()
@@ -439,9 +437,9 @@ class Stateful(Remembers):
                 named twice, or parts that only one of both has made yet; nothing is written then.
         """
         rows = _envs(envs, self.num_envs, "envs")
-        _check_noise(noise)
-        if len(rows) != len(kept):
-            raise StateError(f"{len(kept)} kept states for {len(rows)} envs")
+        refuse(
+            StateError, _known_noise(noise), (len(rows) != len(kept), f"{len(kept)} kept states for {len(rows)} envs")
+        )
         _same(kept, about(self), type(self).__name__)
         self.make(kept.made)
         found = walk(self)
@@ -470,9 +468,8 @@ class Stateful(Remembers):
         """
         source = _envs(source_envs, self.num_envs, "source_envs", twice=True)
         target = _envs(target_envs, self.num_envs, "target_envs")
-        if len(source) != len(target):
-            raise StateError(f"{len(source)} source_envs for {len(target)} target_envs")
-        _check_noise(noise)
+        told = f"{len(source)} source_envs for {len(target)} target_envs"
+        refuse(StateError, (len(source) != len(target), told), _known_noise(noise))
         found = walk(self)
         for entry in found.entries:
             value = entry.value
@@ -494,14 +491,14 @@ class Stateful(Remembers):
                 message says how much.
         """
         rows = _envs(envs, self.num_envs, "envs", twice=True)
-        if not len(rows):
-            raise StateError("a fork of no environments: there is nothing in it")
-        try:
+        with _as_state_errors():
             copies = whole_number(copies, "copies", 1)
-        except ValueError as error:
-            raise StateError(str(error)) from None
-        _check_noise(noise)
-        _check_fork(into)
+        refuse(
+            StateError,
+            (not len(rows), "a fork of no environments: there is nothing in it"),
+            _known_noise(noise),
+            (not isinstance(into, Stateful | None), f"into = {into!r}: an earlier fork is expected"),
+        )
         this: Any = self
         rows, source = rows.repeat_interleave(copies), walk(self)
         total = len(rows)

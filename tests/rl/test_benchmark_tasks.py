@@ -97,7 +97,7 @@ def test_a_task_is_scored_by_one_command(here, tmp_path, monkeypatch):
 
 def test_what_cannot_be_scored_is_refused(here):
     run_score(here, "otter-v2", "--policy", "x.onnx").fails("otter-v2: no such task, did you mean 'otter-v1'?")
-    run_score(here, "otter-v1", "--policy", "gone.onnx").fails("gone.onnx: no such file")
+    run_score(here, "otter-v1", "--policy", "gone.onnx").fails("gone.onnx: not a network in ONNX")
     run_score(here, "otter-v1", "--policy", "x.onnx", "--controller", "honest").fails("--policy x.onnx", "leave one")
     ending = run_score(here, "otter-v1", "--policy", "x.onnx", "--episodes", "8")
     assert ending.status == 2 and "unrecognized arguments: --episodes 8" in ending.err  # episodes are frozen

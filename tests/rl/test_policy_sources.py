@@ -76,7 +76,7 @@ def refused(source, match, *more: str, teams=("usv",)):
 
 def test_what_is_no_source_is_named(tmp_path):
     refused("nothing", "nothing: no such policy: wanted is a run's folder, pretrained, FILE.onnx or module:function")
-    refused("gone.onnx", "gone.onnx: no such file")
+    refused("gone.onnx", "gone.onnx: not a network in ONNX: FileNotFoundError")
     (tmp_path / "bad.onnx").write_text("no network")
     refused(str(tmp_path / "bad.onnx"), "bad.onnx: not a network in ONNX")
     refused(str(tmp_path), "not a run folder")

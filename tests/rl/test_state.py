@@ -345,11 +345,11 @@ def test_what_cannot_be_is_refused_and_nothing_is_written(monkeypatch):
     saved, fewer = mission.snapshot(), World(mission.config, 3, teams=["usv"])
     everywhere = everything(mission)
     wrong = {
-        "3 environments, not 4": lambda: other.restore(saved),
+        "3 environments, version .*; wanted are 4": lambda: other.restore(saved),
         "seed 2 instead of 1": lambda: mission.restore(begun("lanes", 3, seed=2).snapshot()),
         "'otter' instead of 'lanes'": lambda: mission.restore(begun("otter", 3).snapshot()),
         "version 0": lambda: mission.restore(dataclasses.replace(saved, version=0)),
-        "no snapshot": lambda: mission.restore({}),
+        "the snapshot is none": lambda: mission.restore({}),
         "name environment 3: there are 0 to 2": lambda: mission.fork([0, 3], 2),
         "environment 1 twice": lambda: mission.copy([0, 2], [1, 1]),
         "1 source_envs for 2": lambda: mission.copy([0], [1, 2]),
