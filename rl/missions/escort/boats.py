@@ -132,11 +132,11 @@ class EscortBoats(ResidualTeam):
 
     def margins(self) -> dict[str, Tensor]:
         """To contact with an obstacle, the vessel or a team mate; to the edge of the area."""
-        return margins_of(self, self.mission.config)
+        return margins_of(self.fleet, self.sensor, self.mission.config)
 
     def log(self, ended: Endings) -> dict[str, Tensor]:
         """See endings_and_logs.py."""
-        return log_of(self, ended, self.mission.arrived, self.mission.config)
+        return log_of(self.distance, self.tracking, ended, self.mission.arrived, self.mission.config)
 
     def info(self) -> dict[str, Tensor]:
         """distance: m, from the slot."""

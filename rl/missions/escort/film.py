@@ -7,17 +7,17 @@ news of the vessel.
 
 import math
 from collections.abc import Mapping
-from typing import Protocol
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from rl.guidance.targets_and_errors import COURSE, DOWN, NORTH
+from rl.missions.escort.aircraft import EscortAircraft, Scouts
 from rl.missions.escort.config import EscortConfig, OrbitConfig
 from rl.missions.escort.host import EscortHost
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking
-from rl.perception.sightings import Camera, Sighting
+from rl.perception.sightings import Sighting
 from taichi_sim.kernels.conventions import HORIZONTAL
 from taichi_sim.visualisation.recording.overlays import Ellipsoids, Lines, Overlay, Plot
 
@@ -34,15 +34,9 @@ ARC, HIGH = 7, 0.18  # points of an arc; its height divided by its length
 ROUND = np.linspace(0.0, 2 * math.pi, 49)
 
 
-class Flying(Protocol):
-    """Aircraft, or scouts in their place."""
-
-    name: str
-    camera: Camera
-    orbit: OrbitConfig
-
-
-def overlays_of(mission: EscortHost, tracking: SharedTracking, flying: Flying | None, env: int) -> tuple[Overlay, ...]:
+def overlays_of(
+    mission: EscortHost, tracking: SharedTracking, flying: EscortAircraft | Scouts | None, env: int
+) -> tuple[Overlay, ...]:
     """All drawings of environment `env` now, of one frame each."""
     radio = tracking.radio
     age = radio.heard[env, ..., -1].cpu().numpy()
@@ -109,7 +103,7 @@ def _believed(groups: Mapping[str, ObserverGroup], film: Frames) -> list[Ellipso
     return found
 
 
-def _footprints(film: Frames, flying: Flying, rows: slice) -> Lines:
+def _footprints(film: Frames, flying: EscortAircraft | Scouts, rows: slice) -> Lines:
     """Edges of the fields of view on mean sea level."""
     place = film["place"][:, rows]
     axis = np.einsum("fvij,fvj->fvi", film["R"], film["axis"])

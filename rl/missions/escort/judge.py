@@ -1,8 +1,8 @@
 """Measurements of an escort: arrival of the boats, errors after it, sightings and news of the vessel."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from types import MappingProxyType
-from typing import Protocol, Self
+from typing import Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from rl.judge import (
     TEAM_ERROR,
     Episodes,
     ErrorJudge,
+    Judged,
     errors_of,
     median_of,
     over_time,
@@ -23,36 +24,12 @@ from rl.judge import (
 from rl.missions.escort.aircraft import EscortAircraft
 from rl.missions.escort.boats import EscortBoats
 from rl.missions.escort.config import EscortScenario
-from rl.missions.escort.host import EscortHost
-from rl.missions.escort.tracking import SharedTracking
 from rl.step import Step
-
-
-class Escorted(EscortHost, Protocol):
-    """What the judge reads of a mission."""
-
-    tracking: SharedTracking
-
-    @property
-    def teams(self) -> Mapping[str, EscortBoats | EscortAircraft]:
-        """Boats and aircraft by name."""
-        ...
-
-    @property
-    def boats(self) -> EscortBoats | None:
-        """The boats, if they take part."""
-        ...
-
-    @property
-    def aircraft(self) -> EscortAircraft | None:
-        """The aircraft, if they take part."""
-        ...
-
 
 SEEN_SHARE = 0.9  # success of aircraft: least share of the time after the first sighting with the vessel in view
 
 
-class EscortJudge(ErrorJudge[Escorted, EscortScenario]):
+class EscortJudge(ErrorJudge[Judged, EscortScenario]):
     """Measures boats (time of arrival, errors after it), aircraft (view of the vessel, gaps on the circle), and both
     teams (age of their estimate of the vessel, energy).
     """
@@ -88,11 +65,12 @@ class EscortJudge(ErrorJudge[Escorted, EscortScenario]):
     plotted = ("mean_time_to_arrive_s", "leader_error_rms_m", "follower_error_rms_m", "in_camera",
                "collision_free_episodes", "success_rate")  # fmt: skip
 
-    def __init__(self, mission: Escorted, team: str):
+    def __init__(self, mission: Judged, team: str):
         """Measure `team`."""
         super().__init__(mission, team)
+        config = self.team.mission.config
         envs, vehicles = self.collided.shape
-        self.boats = team == mission.config.escort.boats
+        self.boats = team == config.escort.boats
         self.arrival = np.full(envs, np.nan)
         self.first_seen = np.full(envs, np.nan)
         self.seen_after, self.after, self.seen, self.aware = (np.zeros(envs) for _ in range(4))
@@ -101,18 +79,24 @@ class EscortJudge(ErrorJudge[Escorted, EscortScenario]):
         self.gap = np.full(envs, np.inf)
         self.has_work = False
 
+    @property
+    def team(self) -> EscortBoats | EscortAircraft:
+        """The team."""
+        return cast(EscortBoats | EscortAircraft, self.mission.teams[self.name])
+
     def see(self, step: Step, number: int) -> None:
         """Take decision `number` (from 1) into account, until a vehicle of the team has ended."""
-        mission, config = self.mission, self.mission.config
-        alive, team, dt = ~self.failed, mission.teams[self.name], config.decision_interval
+        team, config, alive = self.team, self.team.mission.config, ~self.failed
+        dt, sail = config.decision_interval, config.escort.boats in self.mission.teams
         time = number * dt
-        arrived = mission.arrived.cpu().numpy() if mission.boats is not None else np.full(len(alive), time > 60.0)
+        arrived = team.mission.arrived.cpu().numpy() if sail else np.full(len(alive), time > 60.0)
         new = alive & arrived & np.isnan(self.arrival)
         self.arrival[new] = time
         if self.boats:
             ready = alive & (time >= self.arrival + config.evaluation.settle_after)
             self.errors[number - 1, ready] = team.distance.cpu().numpy()[ready]
-        elif (aircraft := mission.aircraft) is not None:
+        else:
+            aircraft = cast(EscortAircraft, team)
             sees = aircraft.sees.any(-1).cpu().numpy()
             self.first_seen[alive & sees & np.isnan(self.first_seen)] = time
             since = alive & ~np.isnan(self.first_seen)
@@ -123,7 +107,7 @@ class EscortJudge(ErrorJudge[Escorted, EscortScenario]):
             self.seen_after[alive & arrived] += sees[alive & arrived]
             square = aircraft.gap_error.square().mean(-1).double().cpu().numpy()
             self.gaps[alive & arrived] += square[alive & arrived]
-        age = mission.tracking.of(self.name, mission.tracking.age)
+        age = team.tracking.of(self.name, team.tracking.age)
         self.aware[alive] += (age <= config.escort.stale).double().mean(-1).cpu().numpy()[alive]
         power = team.fleet.model.power(team.fleet)
         if power is not None:
@@ -137,7 +121,7 @@ class EscortJudge(ErrorJudge[Escorted, EscortScenario]):
 
     def series(self) -> dict[str, Tensor]:
         """Distance from the slot or the circle, clearance, and the age of what is known of the vessel."""
-        team, tracking = self.mission.teams[self.name], self.mission.tracking
+        team, tracking = self.team, self.team.tracking
         label = "distance from slot (m)" if self.boats else "distance from circle (m)"
         age = tracking.of(self.name, tracking.age).clamp(max=60.0)
         return {label: team.distance, "gap to anything (m)": team.sensor.gap, "age of the track (s)": age}

@@ -1,8 +1,8 @@
 """Measurements of a formation: errors after the start has settled, gaps, collisions, success."""
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Protocol, Self
+from collections.abc import Sequence
+from typing import Self, cast
 
 import numpy as np
 import torch
@@ -16,6 +16,7 @@ from rl.judge import (
     TEAM_ERROR,
     Episodes,
     ErrorJudge,
+    Judged,
     errors_of,
     median_of,
     over_time,
@@ -23,20 +24,11 @@ from rl.judge import (
     team_error,
 )
 from rl.missions.formation.config import FormationScenario
-from rl.missions.formation.team import Course, TeamTask
+from rl.missions.formation.team import TeamTask
 from rl.step import Step
 
 
-class Sailed(Course, Protocol):
-    """What the judge reads of a mission."""
-
-    @property
-    def teams(self) -> Mapping[str, TeamTask]:
-        """Name -> team."""
-        ...
-
-
-class FormationJudge(ErrorJudge[Sailed, FormationScenario]):
+class FormationJudge(ErrorJudge[Judged, FormationScenario]):
     """Measures errors, evasions, and `gap` [env], the team's least clearance (m) so far; inf before any."""
 
     definitions = {
@@ -56,23 +48,28 @@ class FormationJudge(ErrorJudge[Sailed, FormationScenario]):
     }
     plotted = ("leader_error_rms_m", "follower_error_rms_m", "collision_free_episodes", "success_rate")
 
-    def __init__(self, mission: Sailed, team: str):
+    def __init__(self, mission: Judged, team: str):
         """Measure `team`."""
         super().__init__(mission, team)
         self.gap = np.full(len(self.failed), np.inf)
         self.evasions = np.zeros(len(self.failed))
         self._blocked = self._blocked_now()
 
+    @property
+    def team(self) -> TeamTask:
+        """The team."""
+        return cast(TeamTask, self.mission.teams[self.name])
+
     def _blocked_now(self) -> NDArray[np.bool_]:
         """Whether the slot of each vehicle is in an obstacle [env, vehicle]."""
-        return (slot_clearance(self.mission, self.mission.teams[self.name]) < 0).cpu().numpy()
+        return (slot_clearance(self.team) < 0).cpu().numpy()
 
     def see(self, step: Step, number: int) -> None:
         """Take decision `number` (from 1) into account.
 
         Errors and gaps count up to the step in which a vehicle of the team ends.
         """
-        alive, config, team = ~self.failed, self.mission.config, self.mission.teams[self.name]
+        alive, config, team = ~self.failed, self.mission.config, self.team
         if number * config.decision_interval > config.evaluation.settle:
             self.errors[number - 1, alive] = team.distance.cpu().numpy()[alive]
             gap = team.sensor.gap.amin(dim=1).double().cpu().numpy()
@@ -84,7 +81,7 @@ class FormationJudge(ErrorJudge[Sailed, FormationScenario]):
 
     def series(self) -> dict[str, Tensor]:
         """Distance from the slot and clearance."""
-        team = self.mission.teams[self.name]
+        team = self.team
         return {"distance from slot (m)": team.distance, "gap to anything (m)": team.sensor.gap}
 
     @classmethod
@@ -144,12 +141,12 @@ class FormationJudge(ErrorJudge[Sailed, FormationScenario]):
         )
 
 
-def slot_clearance(mission: Course, team: TeamTask) -> Tensor:
+def slot_clearance(team: TeamTask) -> Tensor:
     """Clearance (m) [env, vehicle] of each vehicle, if it were in its slot, to the side of the nearest obstacle.
 
     Obstacles that it would pass above or below do not count.
     """
-    slot, radius = team.now.slot, team.radius
+    mission, slot, radius = team.mission, team.now.slot, team.radius
     height = -slot[..., 2:] if team.axes == 3 else torch.zeros_like(slot[..., 2:])
     stands, moves = mission.obstacles[mission.env_world].unsqueeze(1), mission.bodies.table.unsqueeze(1)
     north, east, size, top = stands.unbind(-1)

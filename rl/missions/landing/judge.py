@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from types import MappingProxyType
-from typing import Protocol, Self
+from typing import Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,21 +18,7 @@ OUTCOMES = ("landed", "hard", "toppled", "slid", "ditched", "struck", "late", "l
 NONE = -1
 
 
-class Landings(Judged, Protocol):
-    """What the judge reads of a mission."""
-
-    @property
-    def config(self) -> LandingScenario:
-        """The scenario."""
-        ...
-
-    @property
-    def aircraft(self) -> Aircraft | None:
-        """The aircraft."""
-        ...
-
-
-class LandingJudge(Judge[Landings, LandingScenario]):
+class LandingJudge(Judge[Judged, LandingScenario]):
     """Measures outcomes and touchdowns of aircraft [env, aircraft]."""
 
     shares = ("success_rate", *OUTCOMES[1:])
@@ -66,7 +52,7 @@ class LandingJudge(Judge[Landings, LandingScenario]):
     }
     plotted = ("success_rate", "time_to_land_s", "touch_error_p95_m", "touch_speed_p95_m_s")
 
-    def __init__(self, mission: Landings, team: str):
+    def __init__(self, mission: Judged, team: str):
         """Watch `team`."""
         super().__init__(mission, team)
         shape = self.collided.shape
@@ -74,10 +60,14 @@ class LandingJudge(Judge[Landings, LandingScenario]):
         self.time, self.error, self.speed = (np.full(shape, np.nan) for _ in range(3))
         self.aborts, self.work = np.zeros(shape), np.zeros(shape)
 
+    @property
+    def team(self) -> Aircraft:
+        """The aircraft."""
+        return cast(Aircraft, self.mission.teams[self.name])
+
     def see(self, step: Step, number: int) -> None:
         """Take decision `number` (from 1) into account; an aircraft counts until its episode ends."""
-        team, dt, alive = self.mission.aircraft, self.mission.config.decision_interval, self.outcome == NONE
-        assert team is not None
+        team, dt, alive = self.team, self.mission.config.decision_interval, self.outcome == NONE
         touching = team.touching.cpu().numpy() & alive
         self.time[touching] = number * dt
         self.error[touching] = team.touch_error.double().cpu().numpy()[touching]
@@ -94,8 +84,7 @@ class LandingJudge(Judge[Landings, LandingScenario]):
 
     def series(self) -> dict[str, Tensor]:
         """Heights and distances of aircraft."""
-        team = self.mission.aircraft
-        assert team is not None
+        team = self.team
         level = team.offset[..., :2].norm(dim=-1)
         return {"height above the deck (m)": team.height, "distance from its middle (m)": level}
 
