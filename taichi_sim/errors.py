@@ -1,7 +1,9 @@
 """The errors of users, and the one rule by which commands print them: a message without a traceback."""
 
-from collections.abc import Generator
+import sys
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from functools import wraps
 
 
 class UserError(Exception):
@@ -52,6 +54,24 @@ def needs(package: str, extra: str) -> Generator[None]:
         yield
     except ImportError as error:
         raise MissingExtraError(package, extra) from error
+
+
+def command(name: str) -> Callable[[Callable[[list[str] | None], None]], Callable[..., int]]:
+    """Make a command of a function of arguments: it returns 0, or 2 after a mistake of the user, which is printed."""
+
+    def decorate(work: Callable[[list[str] | None], None]) -> Callable[..., int]:
+        @wraps(work)
+        def main(argv: list[str] | None = None) -> int:
+            try:
+                work(argv)
+                return 0
+            except (UserError, OSError) as error:
+                print(f"{name}: {message(error)}", file=sys.stderr)
+                return 2
+
+        return main
+
+    return decorate
 
 
 def message(error: Exception) -> str | None:

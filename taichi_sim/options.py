@@ -39,6 +39,13 @@ port = ranged(int, 1, 65535)
 address = option(lambda text: str(ip_address(text)), bool, "not an IP address")
 
 
+def parser_of(docstring: str | None, prog: str | None = None) -> argparse.ArgumentParser:
+    """A parser that shows a module's docstring: its first paragraph above the arguments, the rest below."""
+    summary, _, rest = (docstring or "").partition("\n\n")
+    plain = argparse.RawDescriptionHelpFormatter
+    return argparse.ArgumentParser(prog=prog, description=summary, epilog=rest, formatter_class=plain)
+
+
 def refuse_unwritable(place: Path) -> None:
     """Refuse now what could not be written after hours of work, as a file or a folder `place`, new or not.
 

@@ -27,7 +27,7 @@ import numpy as np
 from taichi_sim.applications.trials import rotorcraft
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder, read_toml, validate
-from taichi_sim.errors import UserError, message
+from taichi_sim.errors import command
 from taichi_sim.kernels import runtime
 from taichi_sim.models.uav.fixed_wing.airframe_arrays import FlightEnvelope, flight_envelope
 from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
@@ -180,16 +180,12 @@ def report(args: argparse.Namespace) -> str:
     return "\n".join(parts)
 
 
-def main(argv: list[str] | None = None) -> int:
+@command("aircraft.py")
+def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
     runtime.init(precision="f64", threads=1)
-    try:
-        print(report(args))
-    except (UserError, OSError) as error:
-        print(f"aircraft.py: {message(error)}", file=sys.stderr)
-        return 2
-    return 0
+    print(report(args))
 
 
 if __name__ == "__main__":

@@ -17,7 +17,6 @@
 Exit status: 0 drawn, 2 bad input.
 """
 
-import argparse
 import math
 import sys
 from pathlib import Path
@@ -30,9 +29,9 @@ from matplotlib.figure import Figure
 
 from taichi_sim.config import ConfigError, SeaConfig
 from taichi_sim.config.io import load_world
-from taichi_sim.errors import UserError, message
+from taichi_sim.errors import command
 from taichi_sim.kernels import runtime
-from taichi_sim.options import picture, seed
+from taichi_sim.options import parser_of, picture, seed
 from taichi_sim.randomisation.conditions import resolved_sea
 from taichi_sim.surroundings.sea import Sea
 from taichi_sim.surroundings.sea.measured import MeasuredSystem, WaveRecord, band_moments
@@ -310,12 +309,10 @@ def _caption(config: SeaConfig, sea: Sea, systems: list[System], measured: WaveS
     return "\n".join(lines)
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; return the exit status."""
-    summary, _, rest = (__doc__ or "").partition("\n\n")
-    parser = argparse.ArgumentParser(
-        description=summary, epilog=rest, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+@command("draw_sea")
+def main(argv: list[str] | None = None) -> None:
+    """Run the command."""
+    parser = parser_of(__doc__)
     parser.add_argument("scenario", nargs="?", default="paper", help="a scenario's TOML, or a shipped name [paper]")
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="override a key, such as sea.hs=1; repeatable"
@@ -325,16 +322,11 @@ def main(argv: list[str] | None = None) -> int:
         "--out", type=picture, default=Path("sea.png"), help="file to write: png, pdf, svg, jpg [sea.png]"
     )
     arguments = parser.parse_args(argv)
-    try:
-        world = load_world(arguments.scenario, arguments.set)
-        runtime.init()
-        which = world.seed if arguments.seed is None else arguments.seed
-        draw(resolved_sea(world), which, f"Sea of the scenario {world.name!r}").savefig(arguments.out, dpi=100)
-    except (UserError, OSError) as error:
-        print(f"draw_sea: {message(error)}", file=sys.stderr)
-        return 2
+    world = load_world(arguments.scenario, arguments.set)
+    runtime.init()
+    which = world.seed if arguments.seed is None else arguments.seed
+    draw(resolved_sea(world), which, f"Sea of the scenario {world.name!r}").savefig(arguments.out, dpi=100)
     print(arguments.out)
-    return 0
 
 
 if __name__ == "__main__":

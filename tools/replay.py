@@ -12,27 +12,24 @@ from pathlib import Path
 
 import torch
 
-from taichi_sim.errors import UserError
+from taichi_sim.errors import command
 from taichi_sim.kernels import runtime
 from taichi_sim.state.divergence_dump import load_dump
 from taichi_sim.world import replay
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; return the exit status."""
+@command("replay")
+def main(argv: list[str] | None = None) -> None:
+    """Run the command."""
     parser = argparse.ArgumentParser(description="Repeat the last step of a diverged environment from its dump.")
     parser.add_argument("dump", type=Path, help="a file of runs/NAME/dumps")
     parser.add_argument(
         "--precision", choices=("f32", "f64"), default="f32", help="f64 shows whether rounding was the cause"
     )
     arguments = parser.parse_args(argv)
-    try:
-        dump = load_dump(arguments.dump)
-        runtime.init(precision=arguments.precision)
-        world = replay(dump, arguments.dump.resolve().parents[1] / "config.toml")
-    except UserError as error:
-        print(f"replay: {error}", file=sys.stderr)
-        return 2
+    dump = load_dump(arguments.dump)
+    runtime.init(precision=arguments.precision)
+    world = replay(dump, arguments.dump.resolve().parents[1] / "config.toml")
     print(f"{dump.fault}; scenario {dump.config.name}, sea {dump.sea}, t = {dump.time:.2f} s")
     for name, team in world.teams.items():
         for vehicle in range(team.count):
@@ -40,7 +37,6 @@ def main(argv: list[str] | None = None) -> int:
             print(f"{name} {vehicle}: action {_row(dump.actions[name][vehicle])}")
             print(f"  before {_row(before)}")
             print(f"  after  {_row(after)}{'' if torch.isfinite(after).all() else '   <- not finite'}")
-    return 0
 
 
 def _row(values: torch.Tensor) -> str:

@@ -31,12 +31,12 @@ from tqdm import tqdm
 from taichi_sim.bench import pack_state
 from taichi_sim.config import SeaConfig, WorldConfig
 from taichi_sim.config.io import config_folder, validate
-from taichi_sim.errors import UserError, message, needs
+from taichi_sim.errors import command, needs
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.conventions import GRAVITY, QUATERNION
 from taichi_sim.kernels.rotation import torch_euler_from_quaternion
 from taichi_sim.models.catalogue import load_vehicle
-from taichi_sim.options import ranged, seed
+from taichi_sim.options import parser_of, ranged, seed
 from taichi_sim.surroundings.sea.measured import WaveRecord, open_spectra, records_of
 from taichi_sim.surroundings.sea.wind_sea import sea_state
 from taichi_sim.world import World
@@ -171,8 +171,7 @@ def fate_line(vessel: str, found: Fate | None) -> str:
 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
-    summary, _, rest = (__doc__ or "").partition("\n\n")
-    p = argparse.ArgumentParser(description=summary, epilog=rest, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = parser_of(__doc__)
     p.add_argument("file", type=Path, metavar="FILE", help="measured spectra")
     p.add_argument("--time", help="of the record, UTC [the latest]")
     p.add_argument("--site", type=int, help="number of a place in a file that has several")
@@ -187,31 +186,27 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; return the exit status."""
+@command("sea_of")
+def main(argv: list[str] | None = None) -> None:
+    """Run the command."""
     args = parser().parse_args(argv)
     given = {"record": args.time, "site": args.site, "direction_deg": args.direction, "spreading_s": args.spreading}
     data = {"spectrum": str(args.file), "realisations": args.envs} | {k: v for k, v in given.items() if v is not None}
-    try:
-        runtime.init()
-        whole = open_spectra(args.file, args.site)
-        sea = validate(SeaConfig, data, str(args.file))
-        record = records_of(sea)[0]
-        print("\n".join(describe(record)))
-        if whole.times.size > 1:
-            print(f"  the file     {whole.times.size} records, {whole.times[0]} to {whole.times[-1]} UTC")
-        if not record.calm:
-            for part in systems(record, tuple(args.wind) if args.wind else None):
-                print(f"  {part.name:12} Hs {part.hs:.2f} m, Tp {part.tp:.1f} s, from {part.comes_from:.0f} degrees")
-        names = vessels() if args.vessels is None else args.vessels
-        if names:
-            print(f"{args.envs} of each vessel, {args.duration:g} s without a command:")
-        for name in names:
-            print(fate_line(Path(name).stem, fate(name, sea, args.envs, args.duration, args.seed, not args.quiet)))
-    except (UserError, OSError) as error:
-        print(f"sea_of: {message(error)}", file=sys.stderr)
-        return 2
-    return 0
+    runtime.init()
+    whole = open_spectra(args.file, args.site)
+    sea = validate(SeaConfig, data, str(args.file))
+    record = records_of(sea)[0]
+    print("\n".join(describe(record)))
+    if whole.times.size > 1:
+        print(f"  the file     {whole.times.size} records, {whole.times[0]} to {whole.times[-1]} UTC")
+    if not record.calm:
+        for part in systems(record, tuple(args.wind) if args.wind else None):
+            print(f"  {part.name:12} Hs {part.hs:.2f} m, Tp {part.tp:.1f} s, from {part.comes_from:.0f} degrees")
+    names = vessels() if args.vessels is None else args.vessels
+    if names:
+        print(f"{args.envs} of each vessel, {args.duration:g} s without a command:")
+    for name in names:
+        print(fate_line(Path(name).stem, fate(name, sea, args.envs, args.duration, args.seed, not args.quiet)))
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from taichi_sim.errors import refuse
-from taichi_sim.options import positive_float, seed
+from taichi_sim.options import parser_of, positive_float, seed
 
 SLOWEST = 0.01  # of real time; a slower simulation is looked at as often as this one
 
@@ -30,8 +30,7 @@ def parser() -> argparse.ArgumentParser:
     """Return the parser of the command's arguments."""
     from rl.commands import shared
 
-    summary, _, rest = (__doc__ or "").partition("\n\n")
-    p = argparse.ArgumentParser(description=summary, epilog=rest, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = parser_of(__doc__)
     p.add_argument(
         "policy",
         type=Path,

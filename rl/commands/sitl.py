@@ -16,7 +16,7 @@ import time
 from contextlib import ExitStack, closing
 from pathlib import Path
 
-from taichi_sim.options import address, output, positive_float, positive_int, refuse_unwritable, seed
+from taichi_sim.options import address, output, parser_of, positive_float, positive_int, refuse_unwritable, seed
 
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
@@ -32,10 +32,7 @@ def parser() -> argparse.ArgumentParser:
     """The parser of the arguments of a world."""
     from rl.commands import shared
 
-    summary, _, rest = (__doc__ or "").partition("\n\n")
-    p = argparse.ArgumentParser(
-        prog="taichi-sim sitl", description=summary, epilog=rest, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = parser_of(__doc__, "taichi-sim sitl")
     p.add_argument("config", metavar="SCENARIO", help="a file, or the name of a shipped scenario")
     p.add_argument(AUTOPILOT, nargs="*", action="extend", default=[], metavar="TEAM.N=PORT",
                    help="vehicles that autopilots drive, and the UDP port of each")  # fmt: skip

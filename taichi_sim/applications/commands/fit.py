@@ -44,13 +44,13 @@ from taichi_sim.applications.fit.synthetic_logs import write_logs
 from taichi_sim.applications.fit.windows import SECONDS, window_seconds
 from taichi_sim.config import ConfigError, TeamConfig
 from taichi_sim.config.io import vehicle_file
-from taichi_sim.errors import UserError, message
+from taichi_sim.errors import command
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rigid_body import changed_mass
 from taichi_sim.models.catalogue import load_vehicle, vehicle_files
 from taichi_sim.models.usv.manoeuvring_3dof import Manoeuvring3dof
 from taichi_sim.models.usv.vessel_base import Vessel
-from taichi_sim.options import ranged, seed
+from taichi_sim.options import parser_of, ranged, seed
 from taichi_sim.vehicle import Vehicle, value_at
 
 PRIOR = 0.4  # prior standard deviation of a number's logarithm; assumed
@@ -307,10 +307,7 @@ def check_target(target: Path) -> None:
 
 def parser() -> argparse.ArgumentParser:
     """The parser of the arguments."""
-    summary, _, rest = (__doc__ or "").partition("\n\n")
-    p = argparse.ArgumentParser(
-        prog="taichi-sim fit", description=summary, epilog=rest, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = parser_of(__doc__, "taichi-sim fit")
     p.add_argument("vehicle", metavar="VEHICLE", help="vehicle file, or the name of a shipped one")
     p.add_argument("logs", nargs="*", type=Path, metavar="LOG", help="CSV, bag of ROS 2, ArduPilot's .bin")
     p.add_argument("--numbers", default="", metavar="KEY,...", help="numbers to fit [the usual ones of the model]")
@@ -390,16 +387,12 @@ def run(args: argparse.Namespace) -> None:
         save(args.out, file, model, found, logs, changes)
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; return the exit status."""
+@command("fit")
+def main(argv: list[str] | None = None) -> None:
+    """Run the command."""
     args = parser().parse_intermixed_args(argv)  # options may stand between VEHICLE and the logs
     runtime.init(precision="f64", threads=1)
-    try:
-        run(args)
-    except (UserError, OSError) as error:
-        print(f"fit: {message(error)}", file=sys.stderr)
-        return 2
-    return 0
+    run(args)
 
 
 if __name__ == "__main__":

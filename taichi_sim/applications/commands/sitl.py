@@ -39,10 +39,10 @@ from taichi_sim.applications.sitl.craft import Craft, Servos
 from taichi_sim.applications.sitl.driven import Sensors
 from taichi_sim.config import AirConfig, ConfigError
 from taichi_sim.config.io import validate
-from taichi_sim.errors import UserError, message
+from taichi_sim.errors import command
 from taichi_sim.kernels import runtime
 from taichi_sim.models.catalogue import load_vehicle
-from taichi_sim.options import address, output, port, ranged, seed
+from taichi_sim.options import address, output, parser_of, port, ranged, seed
 
 if TYPE_CHECKING:
     from taichi_sim.applications.sitl.craft_recording import CraftRecording
@@ -225,10 +225,7 @@ def logger(file: TextIO) -> Callable[[Servos, Sensors], None]:
 
 def parser() -> argparse.ArgumentParser:
     """The parser of the arguments."""
-    summary, _, rest = (__doc__ or "").partition("\n\n")
-    p = argparse.ArgumentParser(
-        prog="taichi-sim sitl", description=summary, epilog=rest, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = parser_of(__doc__, "taichi-sim sitl")
     p.add_argument("vehicle", metavar="VEHICLE", help="vehicle file, or the name of a shipped one")
     p.add_argument("--protocol", choices=tuple(PORTS), default="ardupilot",
                    help="ardupilot: its JSON interface; px4: its HIL by MAVLink [ardupilot]")  # fmt: skip
@@ -279,8 +276,9 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; return the exit status."""
+@command("sitl")
+def main(argv: list[str] | None = None) -> None:
+    """Run the command."""
     p = parser()
     args = p.parse_args(argv)
     if port_of(args, args.instances - 1) > 65535:
@@ -290,14 +288,8 @@ def main(argv: list[str] | None = None) -> int:
     if args.record is not None and args.record.suffix != ".rrd":
         p.error(f"--record {args.record}: the file must end in .rrd")
     runtime.init(threads=1)
-    try:
+    with suppress(KeyboardInterrupt):
         serve(args)
-    except KeyboardInterrupt:
-        return 0
-    except (UserError, OSError) as error:
-        print(f"sitl: {message(error)}", file=sys.stderr)
-        return 2
-    return 0
 
 
 if __name__ == "__main__":

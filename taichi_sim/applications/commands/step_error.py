@@ -12,17 +12,16 @@ defines the error.
 Exit status: 0 done, 2 bad input.
 """
 
-import argparse
 import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from taichi_sim.applications.trials.step_error import INTERVAL, ONE_PERCENT, StepError, StepSetting, errors, step_for
-from taichi_sim.errors import UserError, message
+from taichi_sim.errors import command
 from taichi_sim.kernels import runtime
 from taichi_sim.models.catalogue import load_vehicle
-from taichi_sim.options import picture, ranged, refuse_unwritable
+from taichi_sim.options import parser_of, picture, ranged, refuse_unwritable
 
 STEPS = tuple(INTERVAL / n for n in (20, 10, 8, 5, 4, 3, 2))  # s
 FINE = 0.0025  # s, counts as exact
@@ -52,12 +51,10 @@ def draw(vehicle: str, found: Sequence[StepError], file: Path) -> None:
     figure.savefig(file, dpi=120)
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; return the exit status."""
-    summary, _, rest = (__doc__ or "").partition("\n\n")
-    p = argparse.ArgumentParser(
-        prog="taichi-sim step", description=summary, epilog=rest, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+@command("step")
+def main(argv: list[str] | None = None) -> None:
+    """Run the command."""
+    p = parser_of(__doc__, "taichi-sim step")
     p.add_argument("vehicle", metavar="VEHICLE", help="vehicle file, or the name of a shipped one")
     p.add_argument("--seconds", type=ranged(float, 1.0, 1000.0), default=20.0, metavar="S", help="simulated time [20]")
     p.add_argument("--out", type=picture, metavar="FILE", help="picture [step-VEHICLE.png]")
@@ -65,17 +62,12 @@ def main(argv: list[str] | None = None) -> int:
     name = Path(args.vehicle).stem
     file = args.out or Path(f"step-{name}.png")
     runtime.init(precision="f64", threads=1)
-    try:
-        refuse_unwritable(file.parent)
-        found = errors(StepSetting(args.vehicle, args.seconds), STEPS, FINE)
-        largest = load_vehicle(args.vehicle, SHORT).longest_step
-        print("\n".join(lines(name, found, largest)))
-        draw(name, found, file)
-    except (UserError, OSError) as error:
-        print(f"step: {message(error)}", file=sys.stderr)
-        return 2
+    refuse_unwritable(file.parent)
+    found = errors(StepSetting(args.vehicle, args.seconds), STEPS, FINE)
+    largest = load_vehicle(args.vehicle, SHORT).longest_step
+    print("\n".join(lines(name, found, largest)))
+    draw(name, found, file)
     print(file)
-    return 0
 
 
 if __name__ == "__main__":

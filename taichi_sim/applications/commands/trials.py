@@ -33,13 +33,13 @@ from taichi_sim.applications.trials.results import Outcome, TrialError, TrialsRe
 from taichi_sim.config import AirConfig, ConfigError, SeaConfig, Strict
 from taichi_sim.config.base import Table
 from taichi_sim.config.io import validate
-from taichi_sim.errors import UserError, message
+from taichi_sim.errors import command
 from taichi_sim.kernels import runtime
 from taichi_sim.models.catalogue import Changes, load_vehicle
 from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.models.uav.multirotor.params import MultirotorParams
 from taichi_sim.models.usv.vessel_base import Vessel
-from taichi_sim.options import ranged, refuse_unwritable, seed
+from taichi_sim.options import parser_of, ranged, refuse_unwritable, seed
 from taichi_sim.vehicle import Vehicle
 
 ARGUMENTS = ("file", "dt", "substeps", "source")  # of load_vehicle, which the commands give
@@ -220,10 +220,7 @@ def lines(report: TrialsReport) -> list[str]:
 
 def parser() -> argparse.ArgumentParser:
     """The parser of the arguments."""
-    summary, _, rest = (__doc__ or "").partition("\n\n")
-    p = argparse.ArgumentParser(
-        prog="taichi-sim trials", description=summary, epilog=rest, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = parser_of(__doc__, "taichi-sim trials")
     p.add_argument("vehicle", metavar="VEHICLE", help="vehicle file, or the name of a shipped one")
     p.add_argument("--trial", action="append", default=[], metavar="NAME", help="a trial to do; several times [all]")
     p.add_argument("--out", type=Path, metavar="DIR", help="folder of the report [trials-VEHICLE]")
@@ -281,22 +278,18 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; return the exit status."""
+@command("trials")
+def main(argv: list[str] | None = None) -> None:
+    """Run the command."""
     args = parser().parse_args(argv)
     runtime.init(precision="f64", threads=1)
     shown = (lambda _: None) if args.quiet else (lambda words: print(words, file=sys.stderr, flush=True))
-    try:
-        folder = args.out or Path(f"trials-{Path(args.vehicle).stem}")
-        refuse_unwritable(folder)
-        report = run(args, shown)
-        write(report, folder)
-    except (UserError, OSError) as error:
-        print(f"trials: {message(error)}", file=sys.stderr)
-        return 2
+    folder = args.out or Path(f"trials-{Path(args.vehicle).stem}")
+    refuse_unwritable(folder)
+    report = run(args, shown)
+    write(report, folder)
     print("\n".join(lines(report)))
     print(f"\n{folder / 'report.html'}")
-    return 0
 
 
 if __name__ == "__main__":
