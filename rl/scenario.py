@@ -69,7 +69,7 @@ class StageConfig(Strict):
         None  # TEAM or TEAM=pretrained; default: all there are
     )
     keep: Literal["last", "better"] = "last"  # better: the stage is dropped if the team then does worse than before
-    start_from: Annotated[str, Field(min_length=1)] | None = None  # a run's folder, or a checkpoint: its weights
+    start_from: Annotated[str, Field(min_length=1)] | None = None  # weights (rl/learn/start_from.py)
     set: Annotated[dict[str, object], BeforeValidator(flattened)] = {}  # changes of the scenario in this stage, by key
     iterations: Annotated[int, Field(ge=1, le=1_000_000)] = 200
     num_envs: Annotated[int, Field(ge=1, le=1_000_000)] = 512

@@ -7,7 +7,7 @@ sentence of its docstring says what it is.
     [usv.terms]
     fine = { scale = 0.3 }                                            # a number of a shipped term
     coarse = { weight = 0.0 }                                         # taken out
-    calm = { function = "mine:calm", weight = 0.2, scale = 0.5 }      # def calm(team, scale): ... in mine.py
+    calm = { function = "mine:calm", weight = 0.2, scale = 0.5 }      # def calm(team, scale): ...
 
     [usv.observe]
     wind = "mine:wind"              # def wind(team): ... -> [env, vehicle, n], of order one

@@ -71,6 +71,8 @@ def main(argv: list[str] | None = None) -> None:
         with contextlib.ExitStack() as held:
             if place.first:
                 held.enter_context(run_folder.lock(out))
+                if args.resume and args.overrides:
+                    run_folder.keep_changes(out, args.overrides)
             watch = held.enter_context(training_view(args.watch and place.first, args.port))
             shared.start(args)
             if place.first:
@@ -101,12 +103,12 @@ def run_of(args: argparse.Namespace) -> tuple["Scenario", Path, Path]:
     overrides = args.overrides + ([f"seed={args.seed}"] if args.seed is not None else [])
     if args.resume:
         out = args.out or run_folder.newest(Path("runs"))
-        run_folder.refuse_changes(args.config, overrides)
+        config, source = run_folder.continued(out, args.config, overrides)
         if not ranks.engine() and run_folder.was_lanes(out):
             print(f"warning: {run_folder.LANES}; this run goes on as it was begun", file=sys.stderr)
         if not ranks.engine() and (other := run_folder.other_versions(out)):
             print(f"warning: {other}: its figures will not be the same as without the change", file=sys.stderr)
-        return *run_folder.load_config(out), out
+        return config, source, out
     source = find_config(args.config or "configs/cruise.toml")
     config = load_scenario(source, overrides)
     name = ranks.engine() or time.strftime("%Y%m%d-%H%M%S")

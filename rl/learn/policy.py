@@ -23,6 +23,7 @@ UNREADABLE = (RuntimeError, EOFError, OSError, ValueError, LookupError, Attribut
               pickle.UnpicklingError, zipfile.BadZipFile, zlib.error)  # fmt: skip
 """What reading a file that is no whole checkpoint raises."""
 UNTRAINED = "model_0.pt"  # the weights with which a team's training begins
+STD = "distribution.std_param"  # name of an actor's exploration noise
 OBS_GROUPS = {"actor": ["policy"], "critic": ["policy"]}
 
 
@@ -101,7 +102,7 @@ class TrainedPolicy:
             example = TensorDict({"policy": torch.zeros(1, size)}, batch_size=[1])
             options = actor_config(stage)
             options.pop("class_name")
-            actions = state["distribution.std_param"].shape[0]
+            actions = state[STD].shape[0]
             actor = MLPModel(example, OBS_GROUPS, "actor", actions, **options)
             actor.load_state_dict(state, strict=True)
         except (KeyError, RuntimeError, AttributeError, TypeError) as error:

@@ -71,7 +71,7 @@ class Network:
     """The network of an ONNX file, computed by onnx's own evaluator: every operator, no runtime to install.
 
     Attributes:
-        inputs: numbers in a row; None if the file leaves it open. signature: names in its metadata.
+        inputs: numbers in a row; None if the file leaves it open. signature: names in its metadata. weights: by name.
     """
 
     def __init__(self, file: Path):
@@ -83,8 +83,8 @@ class Network:
             self.signature = {key: tuple(json.loads(given[key])) for key in ("observations", "actions") if key in given}
         except Exception as error:  # whatever a stranger's file makes onnx raise
             raise CheckpointError(f"{file}: not a network in ONNX: {type(error).__name__}: {error}") from None
-        constant = {tensor.name for tensor in model.graph.initializer}
-        inputs = [entry for entry in model.graph.input if entry.name not in constant]
+        self.weights = {tensor.name: tensor for tensor in model.graph.initializer}
+        inputs = [entry for entry in model.graph.input if entry.name not in self.weights]
         for what, entries in (("inputs", inputs), ("outputs", list(model.graph.output))):
             if len(entries) != 1:
                 names = ", ".join(entry.name for entry in entries)
@@ -274,8 +274,8 @@ def shipped_folder() -> Path:
     return config_folder() / "policies"
 
 
-def shipped_policies(scenario: str) -> dict[str, Policy]:
-    """The policies that come with the package for a scenario: team -> policy."""
+def shipped_files(scenario: str) -> dict[str, Path]:
+    """The files of the policies that come with the package for a scenario: team -> file."""
     folder = shipped_folder() / scenario
     if not (folder / ABOUT).is_file():
         there = sorted(file.parent.name for file in shipped_folder().glob(f"*/{ABOUT}"))
@@ -284,13 +284,18 @@ def shipped_policies(scenario: str) -> dict[str, Policy]:
             f"taichi-sim train --config {scenario}, or name them: --policy {KINDS}"
         )
     about = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
-    found: dict[str, Policy] = {}
+    found: dict[str, Path] = {}
     for team, of_team in about["teams"].items():
         file = folder / f"{team}{SUFFIX}"
         if not file.is_file() or hashed(file) != of_team["sha256"]:
             raise CheckpointError(f"{file}: missing, or not the file that {folder / ABOUT} tells of: install anew")
-        found[team] = read_onnx(file)
+        found[team] = file
     return found
+
+
+def shipped_policies(scenario: str) -> dict[str, Policy]:
+    """The policies that come with the package for a scenario: team -> policy."""
+    return {team: read_onnx(file) for team, file in shipped_files(scenario).items()}
 
 
 def hashed(file: Path) -> str:

@@ -3,6 +3,7 @@
 import contextlib
 import io
 import math
+import sys
 from pathlib import Path
 
 import torch
@@ -13,6 +14,7 @@ from rl.learn.env import MissionEnv
 from rl.learn.improvement import PlannedImprovement
 from rl.learn.policy import (
     OBS_GROUPS,
+    STD,
     UNTRAINED,
     CheckpointError,
     actor_config,
@@ -22,6 +24,7 @@ from rl.learn.policy import (
 )
 from rl.learn.ppo import LeanPPO
 from rl.learn.progress import COLUMNS, HISTORY, ProgressLogger, spent, trim_history, writer_config
+from rl.learn.start_from import STARTED, fit_actor
 from rl.runs import ranks, signals
 from rl.scenario import StageConfig
 from taichi_sim.errors import UserError
@@ -100,6 +103,7 @@ class StageRunner(OnPolicyRunner):
         self.logger.columns = (*COLUMNS, *env.mission.teams[env.team].all_logged)
         self.signature = {"observations": list(own.observation_names), "actions": list(own.action_names)}
         self.batches: list[dict[str, int]] = []
+        self._begun_anew = False  # parts of the weights with which training begins
 
     def _configure_multi_gpu(self) -> None:
         """Set rank and number of processes.
@@ -129,7 +133,7 @@ class StageRunner(OnPolicyRunner):
         now = {"processes": self.gpu_world_size, "environments": self.env.mission.num_envs * self.gpu_world_size}
         if not self.batches or self.batches[-1] != self.batches[-1] | now:
             self.batches.append({"since_iteration": done - self.first} | now)
-        if not done and ranks.here().first and not (self.folder / UNTRAINED).is_file():
+        if not done and ranks.here().first and (self._begun_anew or not (self.folder / UNTRAINED).is_file()):
             self._write(UNTRAINED, 0)
         return done
 
@@ -180,17 +184,21 @@ class StageRunner(OnPolicyRunner):
         self._write(f"model_{completed}.pt", completed)
 
     def _write(self, name: str, completed: int) -> None:
-        infos = self.signature | {"batches": self.batches}
+        infos = self.signature | {"batches": self.batches, "learning_rate": self.stage.learning_rate}
         write_checkpoint(self.alg.save() | {"iter": completed, "infos": infos}, self.folder / name)
 
     def load(self, path: str, load_cfg: dict | None = None, strict: bool = True, map_location: str | None = None):
         """Continue from a checkpoint: networks, optimiser, completed iterations.
 
-        At the start of a stage only the networks are loaded, and the exploration noise is reset.
+        At the start of a stage only the networks are loaded, and the exploration noise is reset; of weights that the
+        stage starts from (start_from.py), the layers that fit. A learning rate that has changed counts anew.
         """
         content = ranks.broadcast(lambda: read_checkpoint(Path(path)))
-        begins = content["iter"] == self.first
-        check_signature(content.get("infos") or {}, self._own, path)
+        begins, infos = content["iter"] == self.first, content.get("infos") or {}
+        if STARTED in infos:
+            self._start_from(content, infos)
+            return infos
+        check_signature(infos, self._own, path)
         if begins:
             load_cfg = {"actor": True, "critic": True}
         try:
@@ -200,8 +208,26 @@ class StageRunner(OnPolicyRunner):
             raise CheckpointError(f"{path}: its networks are not those of the stage: {first}") from None
         if begins:
             explored = self.alg.get_policy().state_dict()
-            explored["distribution.std_param"].fill_(self.stage.initial_std)
+            explored[STD].fill_(self.stage.initial_std)
         else:
-            self.batches = list((content.get("infos") or {}).get("batches", ()))
+            self.batches = list(infos.get("batches", ()))
+            if infos.get("learning_rate", self.stage.learning_rate) != self.stage.learning_rate:
+                self.alg.learning_rate = self.stage.learning_rate
         self.current_learning_iteration = content["iter"]
-        return content.get("infos")
+        return infos
+
+    def _start_from(self, content: dict, infos: dict) -> None:
+        """Begin with the weights in the `content` of a checkpoint of another network."""
+        with torch.no_grad():
+            told = fit_actor(self.alg.get_policy(), content["actor_state_dict"], infos, self.signature)
+            same = infos.get("observations", self.signature["observations"]) == self.signature["observations"]
+            try:
+                whole = same and "critic_state_dict" in content
+                if whole:
+                    self.alg.load(content, {"critic": True}, True)
+            except RuntimeError:
+                whole = False
+        self._begun_anew = True
+        if ranks.here().first:
+            critic = "taken" if whole else "anew"
+            print(f"{self.env.team} starts from {infos[STARTED]}: {told}; critic {critic}", file=sys.stderr)

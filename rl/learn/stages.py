@@ -15,7 +15,6 @@ from rl.learn.env import Learner, MissionEnv, Watch
 from rl.learn.export import ONNX, TORCHSCRIPT, export_policy
 from rl.learn.joint_learner import JointLearner
 from rl.learn.policy import (
-    CheckpointError,
     Policy,
     TrainedPolicy,
     checkpoints,
@@ -157,28 +156,6 @@ def _better(
         content["infos"] = {**(content.get("infos") or {}), "verdict": verdict}
         write_checkpoint(content, last)
     return kept
-
-
-def starting_weights(config: Scenario, beside: Path) -> dict[str, dict]:
-    """Checkpoints from which teams begin their training: team -> content, for stages with `start_from`.
-
-    `start_from` is a checkpoint or a run's folder (then the team's newest checkpoint), relative to the working
-    directory or to the folder `beside`.
-    """
-    weights = {}
-    for name, stage in config.stages.items():
-        if stage.start_from is None:
-            continue
-        key = f"stages.{name}.start_from = {stage.start_from!r}"
-        place = next((p for p in (Path(stage.start_from), beside / stage.start_from) if p.exists()), None)
-        if place is None:
-            raise CheckpointError(f"{key}: no such run or checkpoint")
-        for team in stage.learners:
-            saved = checkpoints(place / team) if place.is_dir() else [place]
-            if not saved:
-                raise CheckpointError(f"{key}: no trained {team} policy (no {team}/model_N.pt)")
-            weights[team] = read_checkpoint(saved[-1]) | {"iter": 0}
-    return weights
 
 
 def stage_result(out: Path, name: str, config: Scenario) -> StageResult:

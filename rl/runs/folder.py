@@ -27,19 +27,35 @@ from importlib import metadata
 from pathlib import Path
 from typing import TypedDict, TypeVar
 
+import tomli_w
+
 from rl.learn.results import StageResult
 from rl.missions import load_scenario
 from rl.runs import ranks
 from rl.scenario import Scenario
 from taichi_sim.config import ConfigError
 from taichi_sim.config.files import files_of, named_files, with_files
-from taichi_sim.config.io import find_config, read_toml, replacing, toml_text, vehicle_file, write_toml
+from taichi_sim.config.io import (
+    apply_overrides,
+    find_config,
+    key_of,
+    read_toml,
+    replacing,
+    toml_text,
+    vehicle_file,
+    write_toml,
+)
 from taichi_sim.config.plugins import PluginError, imported_from, is_plugin, plugin_source
 from taichi_sim.errors import UserError
 from taichi_sim.models.catalogue import vehicle_files
 
 CONFIG, META, SUMMARY, DUMPS = "config.toml", "meta.json", "summary.json", "dumps"
 LOCK, MEASURED = ".lock", "measured"
+GOES_ON = (
+    "iterations", "learning_rate", "learning_epochs", "mini_batches", "clip", "entropy", "desired_kl",
+    "checkpoint_interval",
+)  # fmt: skip
+"""Keys of a stage that may change in a run that goes on: none changes its environments."""
 LANES = "the scenario `paper` with residual policies, and obstacles in the lanes, is `lanes` now"
 ABANDONED = 3600.0  # s, after which an unfinished folder counts as left by a killed process
 PACKAGES = ("taichi-sim", "taichi", "torch", "numpy", "rsl-rl-lib", "gymnasium", "rerun-sdk", "pydantic")
@@ -107,7 +123,7 @@ def create(out: Path, config: Scenario, source: Path) -> None:
     """Create a run folder with the resolved configuration."""
     from rl.learn.policy import UNTRAINED, write_checkpoint
     from rl.learn.policy_sources import given_policies
-    from rl.learn.stages import starting_weights
+    from rl.learn.start_from import starting_weights
 
     given_policies(config)  # or it is said now that there are none
     weights = starting_weights(config, source.parent)
@@ -255,13 +271,42 @@ def newest(folder: Path) -> Path:
     return max(runs, key=lambda p: (p / CONFIG).stat().st_mtime)
 
 
-def refuse_changes(config: str | None, overrides: list[str]) -> None:
-    """Refuse changes of the scenario on --resume: the saved one counts."""
-    if config or overrides:
+def continued(out: Path, config: str | None, overrides: list[str]) -> tuple[Scenario, Path]:
+    """The scenario of a run to be continued, and its file: the saved one, but for what may change in it (`GOES_ON`)."""
+    keys = [tuple(key_of(text).split(".")) for text in overrides]
+    if config or any(len(key) != 3 or key[0] != "stages" or key[2] not in GOES_ON for key in keys):
         raise RunError(
-            "--resume continues a run with its saved configuration: leave out --config, --seed and --set, or "
-            "begin a new run"
+            "--resume continues a run with its saved configuration: leave out --config, --seed and --set, but for "
+            f"stages.NAME.{', stages.NAME.'.join(GOES_ON)}, or begin a new run"
         )
+    (before, _), (now, file) = load_config(out), load_config(out, overrides)
+    for name, stage in now.stages.items():
+        old, key = before.stages[name].iterations, f"stages.{name}.iterations = {stage.iterations}"
+        for team in stage.learners if stage.iterations != old else ():
+            done = _completed(out / team) - now.iterations_before(name, team)
+            if done > stage.iterations:
+                raise RunError(f"{key}: {team} has completed {done} already")
+            if done > old:
+                raise RunError(f"{key}: {team} has gone on in a later stage: let that one go on, or begin a new run")
+    return now, file
+
+
+def keep_changes(out: Path, overrides: list[str]) -> None:
+    """Write changes of a run that is `continued` into its configuration, and note them in meta.json."""
+    data = read_toml(out / CONFIG)
+    apply_overrides(data, overrides, Scenario)
+    with replacing(out / CONFIG) as part:
+        part.write_text(tomli_w.dumps(data), encoding="utf-8")
+    about = read_json(out / META, dict)
+    write_json(out / META, about | {"continued_with": [*about.get("continued_with", ()), *overrides]})
+
+
+def _completed(folder: Path) -> int:
+    """Iterations of the newest checkpoint in a team's folder."""
+    from rl.learn.policy import checkpoints
+
+    saved = checkpoints(folder)
+    return int(saved[-1].stem.removeprefix("model_")) if saved else 0
 
 
 @contextlib.contextmanager

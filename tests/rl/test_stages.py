@@ -1,6 +1,7 @@
 """Stages that go on from others: a team trained again, on other conditions, or from the weights of another run."""
 
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -9,9 +10,12 @@ from command_line import ITERATIONS, TINY, forget, iterations, sets
 
 from rl.evaluation.episodes import judge_episodes
 from rl.learn.policy import TrainedPolicy, checkpoints, read_checkpoint
-from rl.learn.policy_sources import RowPolicy, policies_from, shipped_policies
+from rl.learn.policy_sources import RowPolicy, policies_from, shipped_files, shipped_policies
+from rl.learn.ppo import STEP
+from rl.learn.progress import read_rows
 from rl.learn.stages import train_stages
-from rl.missions import load_scenario
+from rl.learn.start_from import exported_weights
+from rl.missions import load_scenario, make_mission
 from rl.runs import folder as run_folder
 from rl.scenario import at_stage
 from taichi_sim.config import ConfigError
@@ -95,6 +99,71 @@ def test_training_starts_from_the_weights_of_another_run(run, tmp_path):
     assert iterations(out, "usv") == list(range(ITERATIONS))
     begin, later = weights(out / "usv" / "model_0.pt"), weights(out / "usv" / "model_1.pt")
     assert 0 < max((later[key] - begin[key]).abs().max() for key in begin if key.startswith("mlp")) < 0.05
+
+
+BOATS_ALONE = ('stages.usv.start_from="pretrained"', "stages.usv.hidden_dims=[64,64]", "usv.count=3")
+
+
+def boats_trained(out: Path) -> None:
+    config, source = run_folder.load_config(out)
+    train_stages(config.model_copy(update={"stages": {"usv": config.stages["usv"]}}), out, source=source,
+                 show_progress=False)  # fmt: skip
+
+
+def test_a_shipped_policy_is_trained_further(tmp_path, capsys):
+    """Its actor is that of the exported file, whose names and actions it has."""
+    out = begun(tmp_path / "out", *BOATS_ALONE)
+    boats_trained(out)
+    assert "3 of 3" not in (told := capsys.readouterr().err)
+    assert "usv starts from pretrained: layer 1 (65 of 65 observations), layer 2, layer 3 (2 of 2 actions)" in told
+    assert "critic anew" in told
+    config, source = run_folder.load_config(out)
+    mission = make_mission(config, 4, seed=1, teams=["usv"], source=source)
+    began = TrainedPolicy.load(out / "usv" / "model_0.pt", config.stages["usv"])
+    torch.testing.assert_close(began(mission.teams["usv"]), shipped_policies("paper")["usv"](mission.teams["usv"]))
+    begin, later = weights(out / "usv" / "model_0.pt"), weights(out / "usv" / "model_1.pt")
+    assert 0 < max((later[key] - begin[key]).abs().max() for key in begin if key.startswith("mlp")) < 0.1
+
+
+def test_a_policy_of_other_observations_starts_with_the_weights_that_fit(tmp_path, capsys):
+    """At first it acts as if the new observation were not there."""
+    function = "usv.observe.turn='seen:turn'"
+    (tmp_path / "seen.py").write_text("def turn(team):\n    return team.fleet.angular_velocity_b[..., 2:]\n")
+    (tmp_path / "paper.toml").write_text((config_folder() / "paper.toml").read_text())
+    config = load_scenario(tmp_path / "paper.toml", [*TINY, *BOATS_ALONE, function, "usv.observe.without=['role']"])
+    out = tmp_path / "out"
+    run_folder.create(out, config, tmp_path / "paper.toml")
+    assert (out / "seen.py").is_file()
+    boats_trained(out)
+    assert "layer 1 (64 of 65 observations), layer 2, layer 3 (2 of 2 actions); at weight 0: turn" in (
+        capsys.readouterr().err
+    )
+    whole = exported_weights(shipped_files("paper")["usv"])
+    names, first = whole["infos"]["observations"], weights(out / "usv" / "model_0.pt")["mlp.0.weight"]
+    assert not first[:, -1].any()
+    kept = [k for k, name in enumerate(names) if name != "role"]
+    assert first[:, :-1].equal(whole["actor_state_dict"]["mlp.0.weight"][:, kept])
+
+
+def test_layers_of_another_size_begin_anew(tmp_path, capsys):
+    out = begun(tmp_path / "out", BOATS_ALONE[0], "stages.usv.hidden_dims=[64,8]")
+    boats_trained(out)
+    assert "layer 1 (65 of 65 observations); anew: 2 of 3 layers" in capsys.readouterr().err
+
+
+def test_a_finished_run_goes_on_for_longer_and_at_another_rate(here, run):
+    more = ("stages.usv.iterations=1", "stages.uav.iterations=1")
+    here("rl.train", "--out", run, "--resume", *sets(*more)).fails("stages.usv.iterations = 1", "has completed")
+    given = (f"stages.uav.iterations={ITERATIONS + 2}", "stages.uav.learning_rate=1e-5")
+    done = here("rl.train", "--out", run, "--resume", "--no-evaluation", "--threads", "1", *sets(*given))
+    assert done.status == 0, done.err
+    assert iterations(run, "uav") == list(range(ITERATIONS + 2)) and iterations(run, "usv") == list(range(ITERATIONS))
+    config, _ = run_folder.load_config(run)
+    assert config.stages["uav"].iterations == ITERATIONS + 2
+    rates = [float(row["learning_rate"]) for row in read_rows(run / "uav" / "progress.csv")]
+    steps = math.log(rates[ITERATIONS] / 1e-5, STEP)  # it adapts from the new rate; from 1e-3 it would miss by a third
+    assert steps == pytest.approx(round(steps), abs=0.01)
+    assert json.loads((run / "meta.json").read_text())["continued_with"] == list(given)
 
 
 @pytest.mark.parametrize(
