@@ -20,7 +20,16 @@ from typing import Annotated, TypedDict
 from pydantic import Field
 
 from rl.evaluation.episodes import mission_class
-from rl.evaluation.headroom import GONE, Array, Bound, bound_file, headroom, judge_on_bounds, read_levels, teams_beside
+from rl.evaluation.headroom import (
+    Array,
+    Bound,
+    bound_file,
+    headroom,
+    judge_on_bounds,
+    read_levels,
+    teams_beside,
+    with_keys_of_stored,
+)
 from rl.evaluation.intervals import Interval, intervals, ratios
 from rl.evaluation.store import plain
 from rl.judge import Judge
@@ -95,9 +104,9 @@ def frozen(task: Task) -> str:
     for name in beside:
         for key in NOT_JUDGED:
             data[name].pop(key, None)
-    for section, keys in GONE.get(config.mission, {}).items():
-        data[section] |= keys
-    hashed = hashlib.sha256(json.dumps([*content, data], sort_keys=True, default=str).encode())
+    hashed = hashlib.sha256(
+        json.dumps([*content, with_keys_of_stored(config, data)], sort_keys=True, default=str).encode()
+    )
     for name in beside:
         for file in vehicle_files(vehicle_file(config.teams[name], task.source), task.source):
             hashed.update(file.read_bytes())

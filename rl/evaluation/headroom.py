@@ -12,7 +12,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,8 @@ GONE = {
     "landing": {"course": {"turn_deg": 60.0, "change": 0.8, "turn_rate_deg": 4.0}},
 }
 """Mission, section -> keys that are no more, at the value that all episodes have now: digests keep them."""
+NEWER = {"formation": {"obstacles": {"off_ways": False}}}
+"""Mission, section -> keys that are newer than the stored episodes, at the value that these have; digests lack them."""
 LEARNING = ("residual", "terms", "plan")  # keys that change no episode
 
 
@@ -56,7 +58,7 @@ def run_bound(
     show_progress: bool = True, plan: bool = True,
 ) -> Bound:  # fmt: skip
     """Run the same episodes under the classical controller and, if `plan`, under an oracle."""
-    beside = teams_beside(config, team)
+    beside, config = teams_beside(config, team), as_stored(config)
 
     def judged(policy: Policy) -> dict[str, Array]:
         policies = {name: policy if name == team else ClassicalPolicy() for name in beside}
@@ -90,7 +92,22 @@ def judge_on_bounds(
 
 def _trial(bound: Bound, config: Scenario, team: str, policy: Policy, source: Path | None) -> Trial:
     policies = {name: policy if name == team else ClassicalPolicy() for name in bound.beside}
-    return Trial(config, policies, bound.episodes, bound.seed, source=source)
+    return Trial(as_stored(config), policies, bound.episodes, bound.seed, source=source)
+
+
+def as_stored(config: Scenario) -> Scenario:
+    """The scenario with the values of `NEWER`."""
+    newer = NEWER.get(config.mission, {}).items()
+    return config.model_copy(update={name: getattr(config, name).model_copy(update=keys) for name, keys in newer})
+
+
+def with_keys_of_stored(config: Scenario, data: dict[str, Any]) -> dict[str, Any]:
+    """The scenario's `data` with the keys that it had when episodes were stored: those `GONE`, none that is `NEWER`."""
+    for section, keys in GONE.get(config.mission, {}).items():
+        data[section] |= keys
+    for section, keys in NEWER.get(config.mission, {}).items():
+        data[section] = {key: value for key, value in data[section].items() if key not in keys}
+    return data
 
 
 def headroom(kind: type[Judge], learned: Mapping[str, Array], bound: Bound, times: int = 1) -> dict[str, Interval]:
@@ -138,8 +155,7 @@ def digest(config: Scenario, team: str) -> str:
     for name in beside:
         for key in LEARNING:
             data.get(name, {}).pop(key, None)
-    for section, keys in GONE.get(config.mission, {}).items():
-        data[section] |= keys
+    data = with_keys_of_stored(config, data)
     return hashlib.sha256(json.dumps(data, sort_keys=True, default=str).encode()).hexdigest()[:16]
 
 

@@ -5,9 +5,11 @@ import torch
 from torch import Tensor
 
 from rl.evaluation.episodes import Trial
+from rl.evaluation.headroom import as_stored
 from rl.learn.policy import ClassicalPolicy
 from rl.mission import Mission
 from rl.missions import find_mission, load_scenario
+from rl.missions.formation.slots import offsets_of, unit_offsets
 from taichi_sim.config.io import find_config
 from taichi_sim.kernels.conventions import DOWN
 
@@ -52,6 +54,41 @@ def test_vehicles_that_do_nothing_meet_nothing_before_they_could_react(start):
     mission = find_mission(config.mission)(config, 2048, seed=3, source=find_config(name))
     near = {(team, what): gap[gap < 1.0] for team in mission.teams for what, gap in least_gaps(mission, team).items()}
     assert not any(map(len, near.values())), near
+
+
+def nearest_on_the_way(mission: Mission, team: str, duration: float) -> Tensor:
+    """Least clearance [world, start] (m) from obstacles of vehicles that glide to their slots in `duration` (s)."""
+    starts, config, radius = mission.starts, mission.config, mission.teams[team].fleet.model.collision_radius
+    offsets = offsets_of(unit_offsets(config.formations[team]), starts.formations[team]).float()
+    at = torch.arange(mission.tracks.worlds).unsqueeze(1).expand(starts.progress.shape)
+    found, off = torch.full(starts.progress.shape, torch.inf), None
+    for time in torch.linspace(0.0, 15.0, 40).tolist():
+        place = mission.tracks.at(at, starts.progress + config.pace(team).speed * time)
+        to_n = torch.polar(torch.ones_like(place.course), place.course).unsqueeze(-1)  # complex: north + i east
+        slot = torch.view_as_complex(place.position).unsqueeze(-1) + torch.view_as_complex(offsets) * to_n
+        if off is None:
+            off = (torch.view_as_complex(starts.states[team][..., :2].contiguous()) - slot) / to_n
+        glides = torch.view_as_real(slot + max(0.0, 1.0 - time / duration) * off * to_n)
+        gap = torch.cdist(glides.flatten(1, 2), mission.obstacles[..., :2]) - mission.obstacles[:, None, :, 2] - radius
+        found = torch.minimum(found, gap.amin(-1).view(glides.shape[:3]).amin(-1))
+    return found
+
+
+@pytest.mark.parametrize(("name", "team"), [("cruise", "usv"), ("paper", "uav")])
+def test_no_obstacle_beside_the_lanes_is_in_the_way_to_them(name, team):
+    """And all other starts are those that stored episodes have."""
+    config = load_scenario(name, FEW)
+    new, old = (
+        find_mission(config.mission)(of, 8, seed=3, source=find_config(name), teams=(team,))
+        for of in (config, as_stored(config))
+    )
+    for duration in (5.0, 15.0):
+        assert nearest_on_the_way(new, team, duration).min() > 2.0
+        assert nearest_on_the_way(old, team, duration).min() < 1.0
+    same = new.starts.progress == old.starts.progress
+    assert 0.6 < same.float().mean() < 0.95 and torch.equal(
+        new.starts.states[team][same], old.starts.states[team][same]
+    )
 
 
 @pytest.mark.slow

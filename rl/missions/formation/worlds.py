@@ -4,8 +4,8 @@ A pool of starts for each world is drawn once, so that a reset only gathers rows
 place of the track, the leader within `start_distance` of it with about the slot's heading and speed, and followers near
 their slots; the formation is drawn with the start. If a vehicle touches an obstacle, its team is moved closer to its
 slots. If the slots touch one, too, or vehicles that cannot stop would meet before they can turn away, another place is
-drawn. If none is found, the world's other starts are used. Where all obstacles end below the flight height, aircraft
-begin above those ahead.
+drawn. If none is found, the world's other starts are used, as where an obstacle beside a team's lanes is in its way to
+them. Where all obstacles end below the flight height, aircraft begin above those ahead.
 """
 
 import math
@@ -43,6 +43,7 @@ CLEAR_TIME = 3.0  # s for which a vehicle that goes straight on meets no obstacl
 FREE_TIME = 7.0  # s to any obstacle ahead with the wind, of vehicles that cannot stop: room for a turn; assumed
 TALLEST = 90.0  # m, of generated obstacles
 VESSEL_TOPS = 4.0, 15.0  # m, of traffic on the sea; assumed
+ON_THE_WAY = 15.0  # s after which a team is in its lanes: of collisions of boats, four in five came before; assumed
 SHORTEST = 15.0  # s: in shorter episodes nothing could move that is not too near at the start
 FLYING_SPAN = 15.0  # m, below and above the flight height, of traffic in the air; assumed
 MOST_MET = 256  # moving obstacles that a team meets in an episode; each is checked against all others
@@ -123,7 +124,56 @@ def draw_starts(
             f"no room to start: in {without} of {tracks.worlds} worlds all starts touch an obstacle after {MAX_DRAWS} "
             "draws; lower obstacles.count or obstacles.fixed, raise obstacles.clearance_min, or shrink the formation"
         )
-    return _others_for(missing, Starts(progress, states, formations))
+    starts = Starts(progress, states, formations)
+    for team, model in models.items():
+        if config.obstacles.off_ways and met[team].shape[1] and _beside(config, team, model):
+            blocked = missing | _way_blocked(config, team, model, starts, tracks, met[team])
+            missing = torch.where(blocked.all(dim=1, keepdim=True), missing, blocked)
+    return _others_for(missing, starts)
+
+
+def _beside(config: FormationScenario, team: str, model: Vehicle) -> bool:
+    """Whether the obstacles of a scenario stand beside the lanes of a team, not in them."""
+    cylinders = config.obstacles
+    half, widest = _half_widths(config)
+    return max(widest + cylinders.clearance_min, cylinders.track_clearance) > half[team] + model.collision_radius
+
+
+def _half_widths(config: FormationScenario) -> tuple[dict[str, float], float]:
+    """Distance from the track to the outer edge of each team's lanes, and of the widest, m."""
+    each = {name: lane_half_width(t.shapes, t.count, t.spacings[1]) for name, t in config.formations.items()}
+    return each, max(each.values())
+
+
+def _way_blocked(
+    config: FormationScenario, team: str, model: Vehicle, starts: Starts, tracks: Tracks, obstacles: Tensor
+) -> Tensor:
+    """Whether an obstacle stands within `MARGIN` of a vehicle's way to its slot: bool [world, start].
+
+    Its way, in the `ON_THE_WAY` first seconds, is the strip between its slot and where it would be if it kept its
+    distance from that.
+    """
+    state, speed, keeps = starts.states[team], config.pace(team).speed, model.collision_radius + MARGIN
+    offsets = offsets_of(unit_offsets(config.formations[team]), starts.formations[team]).float()
+    at = torch.arange(tracks.worlds).unsqueeze(1).expand(starts.progress.shape)
+    middle = tracks.at(at, starts.progress + speed * ON_THE_WAY / 2).position.unsqueeze(2)
+    reach = speed * ON_THE_WAY / 2 + (state[..., :2] - middle).norm(dim=-1).amax(-1) + offsets.norm(dim=-1).amax(-1)
+    gap = (obstacles[:, None, :, :2] - middle).norm(dim=-1) - obstacles[:, None, :, Cylinder.RADIUS] - keeps
+    world, start, number = (gap < reach.unsqueeze(-1)).nonzero(as_tuple=True)  # all that could be in a way
+    near, ahead, aside = obstacles[world, number], offsets[world, start], None
+    found = torch.zeros(starts.progress.shape, dtype=torch.bool)
+    for time in torch.linspace(0.0, ON_THE_WAY, 1 + math.ceil(speed * ON_THE_WAY / MARGIN)).tolist():
+        place = tracks.at(world, starts.progress[world, start] + speed * time)
+        turn = torch.stack((place.course.cos(), place.course.sin(), -place.course.sin(), place.course.cos()), -1)
+        turn = turn.view(-1, 1, 2, 2)  # rows: along the course and to starboard, in n
+        slot = place.position.unsqueeze(1) + (ahead.unsqueeze(-2) @ turn).squeeze(-2)
+        aside = (turn @ (state[world, start, :, :2] - slot).unsqueeze(-1)).mT if aside is None else aside
+        off, to = (aside @ turn).squeeze(-2), near[:, None, :2] - slot
+        share = (to * off).sum(-1, keepdim=True) / off.square().sum(-1, keepdim=True).clamp(min=1e-6)
+        gap = (to - share.clamp(0.0, 1.0) * off).norm(dim=-1).amin(-1) - near[:, Cylinder.RADIUS]
+        met = gap < keeps
+        found[world[met], start[met]] = True
+    return found
 
 
 def _others_for(missing: Tensor, starts: Starts) -> Starts:
@@ -256,7 +306,7 @@ def _first_clear_pull(
 def generate_worlds(config: FormationScenario, seed: int) -> tuple[Tracks, Tensor]:
     """Tracks and generated obstacles [world, count, 4] of a scenario."""
     track, cylinders = config.track, config.obstacles
-    widest = max(lane_half_width(t.shapes, t.count, t.spacings[1]) for t in config.formations.values())
+    _, widest = _half_widths(config)
     try:
         tracks = generate_tracks(
             track.worlds, derive_seed(seed, "tracks"), length_m=track.length, area_m=config.area,

@@ -284,7 +284,7 @@ def _thrusters(
     other = units[0]._replace(y=-units[0].y)
     if len(units) == 2 and not given.azimuth and other == units[1] and other.y != 0:
         left, right = sorted(units, key=lambda unit: unit.y)
-        text = f'''{note}[thrusters]
+        text = f"""{note}[thrusters]
 left = {_row(left[:3])}  # m
 right = {_row(right[:3])}  # m
 # {left.thrust:.6g} N at n_max: assumed shaft speeds, which nothing else hangs on
@@ -293,7 +293,7 @@ k_negative = {ASTERN * left.thrust / SHAFT**2:.6g}  # N s^2; assumed {ASTERN:g} 
 n_max = {SHAFT:g}  # rad/s
 n_min = {-SHAFT:g}  # rad/s
 lag = {LAG:g}  # s; assumed: it matters for control faster than some 1 / lag
-'''
+"""
         return text, "surge_yaw", top, resistance
     sections = []
     for k, unit in enumerate(units, 1):
