@@ -93,7 +93,7 @@ MEANINGS = {
 
 SeenPack = ti.types.argpack(
     table=array3, signals=array3, state=array3, derived=array3, aux=array3, target=array3, slots=array3, heard=array4,
-    obstacles=array4, mates=array4, numbers=array1,
+    obstacles=array4, mates=array4, radius=array1,
 )  # fmt: skip
 
 
@@ -216,7 +216,7 @@ def put_encounters(out: ti.template(), e, i, seen: ti.template(), form: ti.templ
     x, y = seen.slots[e, i, OFFSET], seen.slots[e, i, OFFSET + 1]
     along, across = seen.target[e, r, SPEED] - turn * y, turn * x  # of the slot, in the path frame
     slot = ti.Vector([c * along - s * across, s * along + c * across])
-    error, radius = ti.Vector([seen.table[e, i, ERROR], seen.table[e, i, ERROR + 1]]), seen.numbers[0]
+    error, radius = ti.Vector([seen.table[e, i, ERROR], seen.table[e, i, ERROR + 1]]), seen.radius[0]
     for k in ti.static(range(form.obstacles)):
         at = ti.static(form.at.encounters + 2 * MEETING * k)
         if seen.obstacles[e, i, k, Obstacle.NUMBER] >= 0:
@@ -307,7 +307,7 @@ class ObservationWriter:
             aux=fleet.aux, target=team.target.table, slots=team.slot_table,
             heard=fleet.state.new_zeros((1, 1, 1, 1)) if radio is None else radio.heard,
             obstacles=team.sensor.obstacles, mates=team.sensor.team_mates,
-            numbers=fleet.state.new_tensor([team.radius]),
+            radius=fleet.state.new_tensor([team.radius]),
         )  # fmt: skip
         self.widths = widths(self._form)
 

@@ -21,6 +21,8 @@ from taichi_sim.kernels.runtime import array1, array3, array4, whole1
 
 VAGUE = 8.0  # m, standard deviation of a place: objects known less well are not evaded; assumed
 
+REACH, DOUBT, FIRST = range(3)  # limits: of sensors, m; variance, m^2; number of the first vehicle on the chart
+
 ChartedPack = ti.types.argpack(obstacles=array4, signals=array3)
 FromPack = ti.types.argpack(tracked=array4, objects=array3, state=array3, derived=array3, limits=array1)
 
@@ -30,7 +32,7 @@ def _nearest(out: ChartedPack, of: FromPack, which: whole1, sight: ti.template()
     ti.loop_config(serialize=runtime.loop.serial)
     for e, i in ti.ndrange(of.state.shape[0], of.state.shape[1]):
         if which[e] != NOT_DUE:
-            reach, vague, own = of.limits[0], of.limits[1], ti.cast(of.limits[2], ti.i32) + i
+            reach, vague, own = of.limits[REACH], of.limits[DOUBT], ti.cast(of.limits[FIRST], ti.i32) + i
             place = ti.Vector([of.state[e, i, a] for a in ti.static(range(3))])
             count = ti.static(sight.obstacles)
             distance = ti.Vector([reach] * ti.static(count + 1))

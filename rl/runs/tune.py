@@ -11,39 +11,24 @@ import os
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import NamedTuple, Protocol, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 import tomli_w
-from torch import Tensor
 from tqdm import tqdm
 
 from rl.evaluation.episodes import mission_class, run_episodes
 from rl.missions import make_mission
 from rl.scenario import Scenario, derive_seed
 from rl.team import ControllerError
-from taichi_sim.config import ConfigError, Strict
+from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder, replacing, vehicle_file, write_toml
 from taichi_sim.kernels import runtime
-from taichi_sim.vehicle import Vehicle
 
 SPREAD = 0.3  # initial standard deviation of the logarithms
 LEAST_SPREAD = 0.03
 ELITE = 0.25  # share of a round's candidates that gives the next mean
 KEEP = 0.5  # weight of the previous round's spread
-
-
-class TunableController(Protocol):
-    """A classical controller that can be built with other gains."""
-
-    Gains: type[Strict]
-
-    def __init__(self, model: Vehicle, gains: Strict):
-        """Control `model` with `gains`."""
-
-    def __call__(self, known: object) -> Tensor:
-        """Actions [env, vehicle, action] in [-1, 1]."""
-        ...
 
 
 class Tuned(NamedTuple):
@@ -71,7 +56,7 @@ def tune(
     """Search for numbers of a team's classical controller: those in `names`, default all."""
     mission = make_mission(config, episodes, seed=derive_seed(seed, "tune"), teams=(team,), source=source)
     model, judge = mission.teams[team].fleet.model, mission_class(config, source).Judge
-    kind = cast(type[TunableController], type(mission.teams[team].make_controller()))
+    kind: Any = type(mission.teams[team].make_controller())
     if not hasattr(kind, "Gains"):
         raise ControllerError(f"{team}: its classical controller has no numbers to tune")
     given = {**kind.Gains().model_dump(), **mission.teams[team].section.control}

@@ -93,9 +93,6 @@ class AutopilotGains:
     throttle: tuple[float, ...]
 
 
-Gains = AutopilotGains  # its former name
-
-
 @dataclass(frozen=True)
 class AutopilotLimits:
     """Limits within which the autopilot keeps the aircraft."""
