@@ -216,6 +216,7 @@ def _stand_ins(page: str, folder: Path) -> None:
     for file in BUOY.glob("41010.*"):
         shutil.copy(file, folder)
     shutil.copy(config_folder() / "paper.toml", folder / "my.toml")
+    (folder / "survey.plan").write_text("north,east\n0,0\n300,0\n300,100\n0,100\n", encoding="utf-8")
     barge = (config_folder() / "vehicles" / "barge.toml").read_text(encoding="utf-8")
     write_hull(folder / "cat.toml", like="wamv")
     (folder / "my_boat.toml").write_text(barge.replace("barge.hydro", "my_boat.hydro"), encoding="utf-8")

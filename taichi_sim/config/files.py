@@ -2,6 +2,7 @@
 
     sea.spectrum                    measured spectra (sea/measured); naming one text file of an NDBC set names them all
     sea.current.series, air.series  current and wind over time (series.py)
+    track.file                      waypoints of a formation's track (rl/guidance/course/route.py)
 
 A path is relative to the folder of the scenario's file, or else to the working folder, like those of vehicles. Reading
 a scenario makes it absolute.
@@ -9,17 +10,20 @@ a scenario makes it absolute.
 
 import re
 from collections.abc import Iterator, Mapping
+from functools import reduce
 from pathlib import Path
 from typing import TypeVar
+
+from pydantic import BaseModel
 
 from taichi_sim.config.base import ConfigError, Table
 from taichi_sim.config.explain_errors import source_of
 from taichi_sim.config.sea import is_measured, path_like
 from taichi_sim.config.world import WorldConfig
 
-World = TypeVar("World", bound=WorldConfig)
+Model = TypeVar("Model", bound=BaseModel)
 
-KEYS = ("sea.spectrum", "sea.current.series", "air.series")
+KEYS = ("sea.spectrum", "sea.current.series", "air.series", "track.file")
 
 # Content of an NDBC file, by the end of its name (last 45 days), or by the letter after the station's name (a year).
 KINDS = ("density", "alpha1", "alpha2", "r1", "r2")
@@ -56,8 +60,7 @@ def resolve_files(data: Table, scenario_file: Path, sources: Mapping[str, str]) 
 
 def named_files(world: WorldConfig) -> dict[str, list[Path]]:
     """Each key that names a file, with the files that belong to it."""
-    current = world.sea.current and world.sea.current.series
-    return files_of({"sea.spectrum": world.sea.spectrum, "sea.current.series": current, "air.series": world.air.series})
+    return files_of({key: reduce(lambda node, name: getattr(node, name, None), key.split("."), world) for key in KEYS})
 
 
 def files_of(values: Mapping[str, object]) -> dict[str, list[Path]]:
@@ -73,17 +76,17 @@ def files_of(values: Mapping[str, object]) -> dict[str, list[Path]]:
     return found
 
 
-def with_files(world: World, places: Mapping[str, str]) -> World:
+def with_files(world: Model, places: Mapping[str, str]) -> Model:
     """Copy of a world configuration with the given paths, by key."""
-    sea, air = world.sea, world.air
-    if "sea.spectrum" in places:
-        sea = sea.model_copy(update={"spectrum": places["sea.spectrum"]})
-    if "sea.current.series" in places and sea.current:
-        current = sea.current.model_copy(update={"series": places["sea.current.series"]})
-        sea = sea.model_copy(update={"current": current})
-    if "air.series" in places:
-        air = air.model_copy(update={"series": places["air.series"]})
-    return world.model_copy(update={"sea": sea, "air": air})
+    for key in KEYS:
+        if key in places:
+            world = _with(world, key.split("."), places[key])
+    return world
+
+
+def _with(model: Model, names: list[str], value: str) -> Model:
+    own = _with(getattr(model, names[0]), names[1:], value) if names[1:] else value
+    return model.model_copy(update={names[0]: own})
 
 
 def _places(data: Table) -> Iterator[tuple[Table, str, str, str]]:

@@ -72,7 +72,7 @@ class Tracks:
     """One closed track per world, sampled at equal steps of arc length.
 
     table         float32 [world, sample, 4]: north (m), east (m), course (rad, unwrapped: the lap closes at
-                  +-2 pi), curvature (1/m, positive to starboard); the first sample is checkpoint 1
+                  a multiple of 2 pi), curvature (1/m, positive to starboard); the first sample is checkpoint 1
     length_m      float32 [world]
     checkpoints   float32 [world, checkpoint, 2]: north, east (m)
     checkpoint_s  float32 [world, checkpoint]: arc length from checkpoint 1 (m), increasing from 0
@@ -89,7 +89,7 @@ class Tracks:
         """Build the rows: each world's samples followed by the end of its lap, [world * (sample + 1), 4]."""
         end = self.table[:, :1].clone()
         turned = self.table[:, -1:, TrackSample.COURSE] - end[..., TrackSample.COURSE]
-        end[..., TrackSample.COURSE] += 2 * torch.pi * torch.sign(turned)
+        end[..., TrackSample.COURSE] += 2 * torch.pi * torch.round(turned / (2 * torch.pi))
         object.__setattr__(self, "rows", torch.cat((self.table, end), dim=1).flatten(0, 1).contiguous())
 
     @property

@@ -29,6 +29,8 @@ class Pace(NamedTuple):
 class TrackConfig(Strict):
     """The closed tracks that the targets move along; one per world."""
 
+    # waypoints of one track for all worlds (rl/guidance/course/route.py), in place of `length` and `checkpoints`
+    file: str | None = None
     worlds: Annotated[int, Field(ge=1, le=8192)] = 256  # different tracks (and obstacle fields) in one run
     length: Annotated[float, Field(ge=400, le=50_000)] = 4000.0  # m
     checkpoints: Annotated[int, Field(ge=4, le=200)] = 22
@@ -139,7 +141,11 @@ class FormationScenario(Scenario):
 
     __pydantic_extra__: dict[str, FormationTeam] = Field(init=False)
 
-    ways: ClassVar = {**Scenario.ways, "formation": (("shape",), ("shapes",))}
+    ways: ClassVar = {
+        **Scenario.ways,
+        "formation": (("shape",), ("shapes",)),
+        "track": (("length", "checkpoints"), ("file",)),
+    }
     plain: ClassVar[Mapping[str, str]] = {"formation": "shape"}
 
     area: Annotated[float, Field(ge=100, le=100_000)] = 3000.0  # side of the square centred at the origin, m

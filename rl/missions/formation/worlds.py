@@ -3,19 +3,22 @@
 A pool of starts for each world is drawn once, so that a reset only gathers rows. A start puts the target at a random
 place of the track, the leader within `start_distance` of it with about the slot's heading and speed, and followers near
 their slots; the formation is drawn with the start. If a vehicle touches an obstacle, its team is moved closer to its
-slots. If the slots touch one, too, or vehicles that cannot stop would meet before they can turn away, another place is
-drawn. If none is found, the world's other starts are used, as where an obstacle beside a team's lanes is in its way to
-them. Where all obstacles end below the flight height, aircraft begin above those ahead.
+slots. If the slots touch one, too, or vehicles would meet before they can turn away or stop, another place is drawn. If
+none is found, the world's other starts are used, as where an obstacle beside a team's lanes is in its way to them. Where
+all obstacles end below the flight height, aircraft begin above those ahead.
 """
 
 import math
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from rl.guidance.course.obstacles import HEIGHT_BAND_M, ROWS, Cylinder, Span, Traffic, generate_obstacles
+from rl.guidance.course.route import laid, read_route
 from rl.guidance.course.tracks import Tracks, generate_tracks
 from rl.guidance.shapes import lane_half_width
 from rl.guidance.targets_and_errors import LEAST_SHARE, crab, strongest_wind
@@ -39,6 +42,7 @@ MARGIN = 3.0  # m from obstacles, beyond the collision radius; between mates too
 ROUNDING = 1e-3  # m, of heights in single precision
 PULLS = (1.0, 0.5, 0.25, 0.0)  # shares of the random offsets that are tried, in order
 TURNING_TIME = 3.0  # s that vehicles which cannot stop are given to turn away from each other; assumed
+STOPPING_TIME = 2.0  # s that vehicles which can stop are given to keep clear of each other; assumed
 CLEAR_TIME = 3.0  # s for which a vehicle that goes straight on meets no obstacle: room for an evasion; assumed
 FREE_TIME = 7.0  # s to any obstacle ahead with the wind, of vehicles that cannot stop: room for a turn; assumed
 TALLEST = 90.0  # m, of generated obstacles
@@ -46,6 +50,7 @@ VESSEL_TOPS = 4.0, 15.0  # m, of traffic on the sea; assumed
 ON_THE_WAY = 15.0  # s after which a team is in its lanes: of collisions of boats, four in five came before; assumed
 SHORTEST = 15.0  # s: in shorter episodes nothing could move that is not too near at the start
 FLYING_SPAN = 15.0  # m, below and above the flight height, of traffic in the air; assumed
+EDGE = 200.0  # m, from a route to the edge of the area: as generated tracks keep
 MOST_MET = 256  # moving obstacles that a team meets in an episode; each is checked against all others
 
 
@@ -105,7 +110,9 @@ def draw_starts(
             fresh[team], fits = _team_states(config, team, model, formation, place, near, draw)
             clear &= fits
             margin = model.collision_radius + MARGIN
-            if not model.limits.stops:
+            if model.limits.stops:
+                clear &= _mates_clear(fresh[team], 2.2 * model.collision_radius)
+            else:
                 clear &= _pass_clear(fresh[team], fastest[team], 2 * margin)
                 clear &= ~_ahead(fresh[team], near, fastest[team], margin).flatten(2).any(-1)
             if low and model.medium == "air" and obstacles.shape[1]:
@@ -278,6 +285,15 @@ def _pass_clear(state: Tensor, speed: float, apart: float) -> Tensor:
     return (least + 1e9 * torch.eye(least.shape[-1])).amin(dim=(-2, -1)) > apart
 
 
+def _mates_clear(state: Tensor, apart: float) -> Tensor:
+    """Whether vehicles [.., vehicle, 13] that keep their velocity for `STOPPING_TIME` stay `apart` (m) [..]."""
+    place, velocity = state[..., :2], state[..., SURGE, None] * _bow(state)
+    gap, nearing = (x.unsqueeze(-2) - x.unsqueeze(-3) for x in (place, velocity))
+    time = -(gap * nearing).sum(-1) / nearing.square().sum(-1).clamp(min=1e-6)
+    least = (gap + time.clamp(0.0, STOPPING_TIME).unsqueeze(-1) * nearing).norm(dim=-1)
+    return (least + 1e9 * torch.eye(least.shape[-1])).amin(dim=(-2, -1)) > apart
+
+
 def _first_clear_pull(
     slot: Tensor, scatter: Tensor, obstacles: Tensor, margin: float, apart: Tensor
 ) -> tuple[Tensor, Tensor]:
@@ -307,8 +323,9 @@ def generate_worlds(config: FormationScenario, seed: int) -> tuple[Tracks, Tenso
     """Tracks and generated obstacles [world, count, 4] of a scenario."""
     track, cylinders = config.track, config.obstacles
     _, widest = _half_widths(config)
+    tracks = _route(config, Path(track.file)) if track.file else None
     try:
-        tracks = generate_tracks(
+        tracks = tracks or generate_tracks(
             track.worlds, derive_seed(seed, "tracks"), length_m=track.length, area_m=config.area,
             checkpoints=track.checkpoints, min_radius_m=track.min_radius,
         )  # fmt: skip
@@ -321,22 +338,40 @@ def generate_worlds(config: FormationScenario, seed: int) -> tuple[Tracks, Tenso
             flight_height_m=track.flight_height, area_m=config.area,
         )  # fmt: skip
     except ValueError as error:
+        of = f"file = {track.file!r}" if track.file else f"length = {track.length}"
         raise ConfigError(
-            f"scenario {config.name!r}: the tracks (track.length = {track.length}, track.min_radius = "
-            f"{track.min_radius}, area = {config.area}) or the obstacles do not fit: {error}"
+            f"scenario {config.name!r}: the tracks (track.{of}, track.min_radius = {track.min_radius}, area = "
+            f"{config.area}) or the obstacles do not fit: {error}"
         ) from None
     return tracks, obstacles
 
 
-def traffic_of(config: FormationScenario, places: Mapping[str, Tensor], speed: float) -> Traffic:
+def _route(config: FormationScenario, file: Path) -> Tracks:
+    """The track of a file, in all worlds."""
+    route, track = read_route(file), config.track
+    tracks, height = laid(route, file, track.min_radius, track.worlds), track.flight_height
+    room = 2 * float(tracks.table[0, :, :2].abs().max()) + 2 * EDGE
+    if room > config.area:
+        raise ConfigError(f"area = {config.area:g}: track.file, with {EDGE:g} m around its route, needs {room:.5g}")
+    aloft = any(team.medium == "air" for team in config.formations.values())
+    if aloft and (np.abs(route.height - height) > 1.0).any():
+        low, high = np.nanmin(route.height), np.nanmax(route.height)
+        raise ConfigError(
+            f"{file}: its altitudes are {low:g} to {high:g} m, track.flight_height is {height:g} m: aircraft hold one "
+            "height; give the route one, or none, or the same as track.flight_height"
+        )
+    return tracks
+
+
+def traffic_of(config: FormationScenario, places: Mapping[str, Tensor], speed: float, length: float) -> Traffic:
     """Parameters of a scenario's traffic: in each medium, the moving share of the obstacles that a team would meet.
 
     Args:
         config: the scenario. places: medium -> slots of a team there [world, start, vehicle, 2], m. speed: of the
-            slowest target, m/s.
+            slowest target, m/s. length: of a lap, m.
     """
     track, cylinders = config.track, config.obstacles
-    met = cylinders.count * config.episode_duration * speed / track.length
+    met = cylinders.count * config.episode_duration * speed / length
     if cylinders.moving_fraction * met > MOST_MET:
         raise ConfigError(
             f"obstacles.moving_fraction = {cylinders.moving_fraction:g}: a team that passes {met:.4g} obstacles in "
@@ -369,7 +404,8 @@ def draw_traffic(
     for name, model in models.items():
         offsets = offsets_of(unit_offsets(config.formations[name]), starts.formations[name])
         places.setdefault(model.medium, offsets.float())
-    traffic = traffic_of(config, places, min(config.pace(name).speed for name in models))
+    slowest = min(config.pace(name).speed for name in models)
+    traffic = traffic_of(config, places, slowest, float(tracks.length_m[0]))
     if not traffic.bodies:
         return torch.zeros((*starts.progress.shape, ROWS, 0))
     for name, model in models.items():

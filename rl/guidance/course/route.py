@@ -1,0 +1,230 @@
+"""Routes of waypoints as tracks: of QGroundControl's plans (.plan), Mission Planner's waypoints, and CSV.
+
+Waypoints become a closed track: straight legs, arcs of one radius between them, tangent to both legs (fly-by turns),
+and a leg from the last waypoint back to the first. Its frame is north, east (m) about the middle of its extent. An arc
+of radius R at a turn by the angle a needs R tan(a / 2) of the legs before and after it.
+
+Formats: MAVLink's commands and frames (mavlink.io, common), QGroundControl's plan files (docs.qgroundcontrol.com), and
+"QGC WPL 110" (mavlink.io, file formats).
+"""
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from rl.guidance.course.tracks import Tracks
+from taichi_sim.config import ConfigError
+from taichi_sim.config.columns import Sheet
+from taichi_sim.visualisation.recording.east_north_up import Origin, from_geodetic, geodetic
+
+WAYPOINT, SPLINE, RETURN, LAND, VTOL_LAND, JUMP = 16, 82, 20, 21, 85, 177  # MAV_CMD_NAV_..., MAV_CMD_DO_JUMP
+TAKEOFF, VTOL_TAKEOFF = 22, 84
+NAVIGATION = range(16, 96)  # commands that go somewhere, or wait there
+ALTITUDE = {0: "above mean sea level", 5: "above mean sea level", 3: "above home", 6: "above home"}  # of MAV_FRAME
+FARTHEST = 50e3  # m from home to a waypoint; assumed
+SAME = 0.5  # m, between waypoints that are one; assumed
+SHARPEST = 175.0  # deg, turn at a waypoint; assumed
+PER_RADIUS, SAMPLES = 8, (1024, 32768)  # samples of a track: of a radius; bounds
+
+Array = NDArray[np.float64]
+
+
+class Route(NamedTuple):
+    """Waypoints in order, about the middle of their extent."""
+
+    place: Array  # [n, 2] north, east, m
+    height: Array  # [n] m, NaN where none is given
+    origin: Origin | None  # of (0, 0); None where the file has metres
+
+
+class Waypoint(NamedTuple):
+    """A command of a mission file."""
+
+    number: int
+    command: int
+    frame: int
+    latitude: float  # deg
+    longitude: float  # deg
+    height: float  # m
+
+
+def read_route(path: Path) -> Route:
+    """Read the waypoints of a file."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from None
+    if text.lstrip().startswith("{"):
+        return _flown(path, *_of_plan(path, text))
+    if text.startswith("QGC WPL"):
+        return _flown(path, *_of_waypoints(path, text))
+    return _of_table(path)
+
+
+def laid(route: Route, path: Path, radius: float, worlds: int) -> Tracks:
+    """The same closed track in all worlds, with bends of `radius` (m)."""
+    points = route.place[:, 0] + 1j * route.place[:, 1]
+    leg = np.roll(points, -1) - points
+    length, course = np.abs(leg), np.angle(leg)
+    turn = np.angle(leg / np.roll(leg, 1))  # at each waypoint, positive to starboard
+    if (sharp := np.degrees(np.abs(turn))).max() > SHARPEST:
+        k = int(sharp.argmax())
+        raise ConfigError(
+            f"{path}: at waypoint {k + 1} the route turns by {sharp[k]:.0f} deg, allowed are {SHARPEST:g}; the last "
+            "waypoint leads back to the first"
+        )
+    taken = radius * np.tan(np.abs(turn) / 2)
+    taken_of_leg = taken + np.roll(taken, -1)
+    k = int((taken_of_leg / length).argmax())
+    if taken_of_leg[k] > length[k]:
+        raise ConfigError(
+            f"{path}: the leg from waypoint {k + 1} to {(k + 1) % len(points) + 1} is {length[k]:.4g} m long: bends of "
+            f"track.min_radius = {radius:g} m do not fit, at most {radius * length[k] / taken_of_leg[k]:.3g} m does"
+        )
+    straight = length - taken_of_leg
+    # pieces from the middle of the first bend on: half a bend, leg, bend, leg ... half a bend
+    bend = radius * np.abs(turn)
+    pieces = np.ravel(np.column_stack((bend, straight)))
+    curvature = np.ravel(np.column_stack((np.sign(turn) / radius, np.zeros(len(points)))))
+    pieces, curvature = np.append(pieces, bend[0] / 2), np.append(curvature, curvature[0])
+    pieces[0] /= 2
+    s = np.concatenate(([0.0], np.cumsum(pieces)))
+    samples = int(np.clip(s[-1] * PER_RADIUS / radius, *SAMPLES))
+    first = course[-1] + turn[0] / 2
+    heading = first + np.concatenate(([0.0], np.cumsum(pieces * curvature)))
+    inside = radius * (1 / np.cos(turn[0] / 2) - 1)  # from the waypoint to the middle of its bend
+    start = points[0] + 1j * np.sign(turn[0]) * inside * np.exp(1j * first)
+    place = start + np.concatenate(([0.0], np.cumsum(_arc(pieces, heading[:-1], curvature))))
+    at = s[-1] * np.arange(samples) / samples
+    piece = np.searchsorted(s[1:-1], at, side="right")
+    along = at - s[piece]
+    point = place[piece] + _arc(along, heading[piece], curvature[piece])
+    table = np.stack((point.real, point.imag, heading[piece] + along * curvature[piece], curvature[piece]), axis=-1)
+    middle = s[:-1:2] + pieces[::2] / 2
+    middle[0] = 0.0
+    own = (np.array(x, dtype=np.float32) for x in (table, s[-1], route.place, middle[: len(points)]))
+    return Tracks(*(torch.from_numpy(x).expand(worlds, *x.shape).clone() for x in own))
+
+
+def _arc(length: Array, heading: Array, curvature: Array) -> NDArray[np.complex128]:
+    """From the beginning to the end of arcs, north + i east."""
+    turn = length * curvature
+    return length * np.sinc(turn / (2 * np.pi)) * np.exp(1j * (heading + turn / 2))
+
+
+def _of_plan(path: Path, text: str) -> tuple[list[Waypoint], tuple[float, float]]:
+    """Commands of a plan of QGroundControl, and its home."""
+    try:
+        mission = json.loads(text)["mission"]
+        home = mission["plannedHomePosition"]
+        simple = list(_simple(mission["items"]))
+        places = [[math.nan if x is None else float(x) for x in one["params"][4:7]] for one in simple]
+        found = [Waypoint(k + 1, one["command"], one["frame"], *places[k]) for k, one in enumerate(simple)]
+        return found, (float(home[0]), float(home[1]))
+    except (ValueError, KeyError, TypeError, IndexError) as error:
+        raise ConfigError(f"{path}: this is no plan of QGroundControl: {type(error).__name__} {error}") from None
+
+
+def _simple(items: list[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
+    """The items of a plan, and those that its surveys consist of."""
+    for item in items:
+        if item["type"] == "SimpleItem":
+            yield item
+        else:
+            yield from _simple(item["TransectStyleComplexItem"]["Items"])
+
+
+def _of_waypoints(path: Path, text: str) -> tuple[list[Waypoint], tuple[float, float]]:
+    """Commands of a file of Mission Planner, and its home: the first line."""
+    rows = [line.split() for line in text.splitlines()[1:] if line.strip()]
+    try:
+        found = [Waypoint(int(r[0]), int(r[3]), int(r[2]), *map(float, r[8:11])) for r in rows]
+        home, *rest = found
+    except (ValueError, IndexError, TypeError):
+        raise ConfigError(
+            f"{path}: a line of waypoints has 12 numbers: number, current, frame, command, four parameters, latitude, "
+            "longitude, altitude, autocontinue; the first is home"
+        ) from None
+    return rest, (home.latitude, home.longitude)
+
+
+def _flown(path: Path, commands: list[Waypoint], home: tuple[float, float]) -> Route:
+    """The route of a mission: its waypoints up to a return or a landing."""
+    found: list[Waypoint] = []
+    for one in commands:
+        if one.command in (RETURN, LAND, VTOL_LAND):
+            break
+        if one.command in (WAYPOINT, SPLINE):
+            found.append(one)
+        elif one.command == JUMP or (one.command in NAVIGATION and one.command not in (TAKEOFF, VTOL_TAKEOFF)):
+            raise ConfigError(
+                f"{path}: item {one.number} is command {one.command} (of MAV_CMD), which no track can do: allowed are "
+                f"waypoints ({WAYPOINT}, {SPLINE}), takeoff, return, landing"
+            )
+    frames = {ALTITUDE.get(one.frame) for one in found}
+    if None in frames or len(frames) > 1:
+        one = next((one for one in found if one.frame not in ALTITUDE), found[0])
+        raise ConfigError(
+            f"{path}: item {one.number} has frame {one.frame}: altitudes must all be above mean sea level (0) or all "
+            "above home (3), not over terrain"
+        )
+    place = np.array([(one.latitude, one.longitude, one.height) for one in found]).reshape(-1, 3)
+    route = _geographic(path, place)
+    assert route.origin is not None
+    away = float(np.linalg.norm(from_geodetic(np.array((*home, 0.0)), route.origin)))
+    if away > FARTHEST:
+        raise ConfigError(
+            f"{path}: home, {home[0]:g} {home[1]:g}, is {away / 1e3:.0f} km from the waypoints (allowed: "
+            f"{FARTHEST / 1e3:g}): the plan is of another place"
+        )
+    return route
+
+
+def _of_table(path: Path) -> Route:
+    """Waypoints of a CSV file: latitude, longitude (deg), or north, east (m); altitude (m) if given."""
+    sheet = Sheet(path)
+    ways = (("latitude", "longitude", "degrees"), ("lat", "lon", "degrees"), ("north", "east", "length"))
+    way = next((w for w in ways if sheet.find(w[0]) and sheet.find(w[1])), None)
+    if way is None:
+        raise ConfigError(f"{path}: columns are {', '.join(sheet.header) or 'none'}; expected latitude and longitude "
+                          "(deg), or north and east (m), and altitude if there is one. Other routes are .plan of "
+                          "QGroundControl and .waypoints of Mission Planner")  # fmt: skip
+    columns = [sheet.numbers(column, way[2]) for name in way[:2] if (column := sheet.find(name))]
+    altitude = sheet.find("altitude")
+    height = sheet.numbers(altitude, "length") if altitude else np.full(len(sheet.rows), np.nan)
+    if way[2] == "degrees":
+        return _geographic(path, np.column_stack((*columns, height)))
+    return _centred(path, np.column_stack(columns), height, None)
+
+
+def _geographic(path: Path, place: Array) -> Route:
+    """The route through places [n, 3]: latitude, longitude (deg), height (m)."""
+    wrong = ~(np.abs(place[:, 0]) < 90) | ~(np.abs(place[:, 1]) <= 180) | (np.abs(place[:, :2]).sum(1) < 1e-9)
+    if wrong.any():
+        k = int(wrong.argmax())
+        raise ConfigError(f"{path}: waypoint {k + 1} is at {place[k, 0]:g} {place[k, 1]:g}: latitude and longitude in "
+                          "degrees are needed, not 0 0")  # fmt: skip
+    if not len(place):
+        raise ConfigError(f"{path}: there is no waypoint")
+    origin = Origin(*((place.min(0) + place.max(0)) / 2)[:2])
+    level = np.nan_to_num(place * (1.0, 1.0, 0.0))
+    east, north, _ = from_geodetic(level, origin).T
+    return _centred(path, np.column_stack((north, east)), place[:, 2], origin)
+
+
+def _centred(path: Path, place: Array, height: Array, origin: Origin | None) -> Route:
+    """The route through `place` [n, 2] (m), without repeated waypoints."""
+    new = np.linalg.norm(place - np.roll(place, 1, axis=0), axis=1) > SAME
+    place, height = place[new], height[new]
+    if len(place) < 3:
+        raise ConfigError(f"{path}: a closed track needs three waypoints apart from each other, not {len(place)}")
+    middle = (place.min(0) + place.max(0)) / 2
+    if origin is not None:
+        origin = Origin(*geodetic(np.array((middle[1], middle[0], 0.0)), origin)[:2])
+    return Route(place - middle, height, origin)
