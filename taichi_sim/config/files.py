@@ -9,7 +9,7 @@ a scenario makes it absolute.
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import reduce
 from pathlib import Path
 from typing import TypeVar
@@ -84,7 +84,7 @@ def with_files(world: Model, places: Mapping[str, str]) -> Model:
     return world
 
 
-def _with(model: Model, names: list[str], value: str) -> Model:
+def _with(model: Model, names: Sequence[str], value: str) -> Model:
     own = _with(getattr(model, names[0]), names[1:], value) if names[1:] else value
     return model.model_copy(update={names[0]: own})
 

@@ -8,6 +8,7 @@ import torch
 
 from rl.guidance.course.route import Route, laid, read_route
 from rl.missions import load_scenario
+from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.mission import Formation
 from taichi_sim.config import ConfigError
 
@@ -116,11 +117,13 @@ def test_what_no_track_can_be_made_of_is_refused(case, tmp_path):
     assert all(word in str(error.value) for word in (str(file), *words))
 
 
-def scenario(tmp_path, *changed: str):
+def scenario(tmp_path, *changed: str) -> FormationScenario:
     file = tmp_path / "own.plan"
     file.write_text(FILES["a.plan"])
     few = ("track.worlds=2", "sea.realisations=2", "obstacles.count=4", "obstacles.moving_fraction=0")
-    return load_scenario("otter", overrides=[f"track.file={file}", "track.min_radius=12", *few, *changed])
+    config = load_scenario("otter", overrides=[f"track.file={file}", "track.min_radius=12", *few, *changed])
+    assert isinstance(config, FormationScenario)
+    return config
 
 
 def test_a_formation_follows_a_route(tmp_path):
