@@ -56,7 +56,8 @@ class ObstacleConfig(Strict):
     speed_min: Annotated[NonNegative, Plausible(0.02, 50.0, "m/s")] = 2.0  # of moving ones
     speed_max: Annotated[Positive, Plausible(0.02, 50.0, "m/s")] = 6.0
     fixed: tuple[FixedObstacle, ...] = ()
-    off_ways: bool = True  # those beside a team's lanes do not stand in its way to them when an episode begins
+    # those beside a team's lanes do not stand in its way to them when an episode begins, nor do mates that can stop
+    off_ways: bool = True
 
     def _mistakes(self) -> Iterator[str]:
         for key in ("clearance", "radius", "speed"):

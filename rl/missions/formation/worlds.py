@@ -3,9 +3,9 @@
 A pool of starts for each world is drawn once, so that a reset only gathers rows. A start puts the target at a random
 place of the track, the leader within `start_distance` of it with about the slot's heading and speed, and followers near
 their slots; the formation is drawn with the start. If a vehicle touches an obstacle, its team is moved closer to its
-slots. If the slots touch one, too, or vehicles would meet before they can turn away or stop, another place is drawn. If
-none is found, the world's other starts are used, as where an obstacle beside a team's lanes is in its way to them. Where
-all obstacles end below the flight height, aircraft begin above those ahead.
+slots. If the slots touch one, too, or vehicles would meet before they can turn away or stop, another place is drawn.
+If none is found, the world's other starts are used, as where an obstacle beside a team's lanes is in its way to them.
+Where all obstacles end below the flight height, aircraft begin above those ahead.
 """
 
 import math
@@ -110,9 +110,9 @@ def draw_starts(
             fresh[team], fits = _team_states(config, team, model, formation, place, near, draw)
             clear &= fits
             margin = model.collision_radius + MARGIN
-            if model.limits.stops:
+            if model.limits.stops and config.obstacles.off_ways:
                 clear &= _mates_clear(fresh[team], 2.2 * model.collision_radius)
-            else:
+            elif not model.limits.stops:
                 clear &= _pass_clear(fresh[team], fastest[team], 2 * margin)
                 clear &= ~_ahead(fresh[team], near, fastest[team], margin).flatten(2).any(-1)
             if low and model.medium == "air" and obstacles.shape[1]:
