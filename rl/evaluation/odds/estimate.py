@@ -6,7 +6,7 @@ the interval covers all that differs between episodes.
 
 import gc
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -38,6 +38,7 @@ from taichi_sim.state.memory import StateError
 
 POOL = 256  # worlds and seas of each repeat, from which its episodes draw
 SLOTS = 128  # environments that run at once; more of them wait idly for the last path of a level
+DIRECT_SLOTS = 512  # the same where there are no levels: all paths end together
 REPEATS = 20  # the fewest; their spread says how many more are needed
 MOST = 400  # repeats
 SURPLUS = 1.5  # times `FEWEST_ANCESTORS`, for which further repeats are planned; assumed
@@ -65,21 +66,26 @@ class Question(NamedTuple):
         beside = {*stage.learners, self.team, *(before if stage.acting is None else stage.acting)}
         return self._replace(policies={name: of for name, of in self.policies.items() if name in beside})
 
-    def mission(self, number: int) -> Mission:
-        """The mission of repeat `number`; 0 is the pilot's."""
+    def mission(self, number: int, slots: int = SLOTS) -> Mission:
+        """The mission of repeat `number` in `slots` environments; 0 is the pilot's."""
         kind = mission_class(self.config, self.source)
         pool = kind.one_each(self.config, POOL)
         return kind(
-            pool, SLOTS, seed=derive_seed(self.seed, "odds", number), teams=tuple(self.policies), source=self.source
+            pool, slots, seed=derive_seed(self.seed, "odds", number), teams=tuple(self.policies), source=self.source
         )
 
-    def paths(self, number: int, tick: Callable[[int], object]) -> EpisodePaths:
+    def paths(self, number: int, tick: Callable[[int], object], slots: int = SLOTS) -> EpisodePaths:
         """The episodes of repeat `number`."""
-        return EpisodePaths(self.mission(number), self.policies, self.team, self.ending, tick)
+        return EpisodePaths(self.mission(number, slots), self.policies, self.team, self.ending, tick)
 
     def rng(self, number: int) -> np.random.Generator:
         """Random numbers that choose which kept states start."""
         return np.random.default_rng(derive_seed(self.seed, "odds", "picks", number))
+
+
+def slots_for(levels: Sequence[float], effort: int) -> int:
+    """Environments for `effort` paths to each of `levels`."""
+    return SLOTS if len(levels) > 1 else min(DIRECT_SLOTS, effort)
 
 
 class Part(NamedTuple):
@@ -141,7 +147,7 @@ def pilot(question: Question, effort: int, tick: Callable[[int], object], *, dir
 
 def one(question: Question, levels: Levels, effort: int, number: int, tick: Callable[[int], object]) -> Part:
     """Repeat `number` (from 1)."""
-    paths = question.paths(number, tick)
+    paths = question.paths(number, tick, slots_for(levels.levels, effort))
     found = repeat(paths, levels.levels, effort, question.rng(number))
     if paths.failed_at_once:
         raise RunError(

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from rl.evaluation.episode_recording import EpisodeReel, events_of
-from rl.evaluation.odds.estimate import Answer, Question
+from rl.evaluation.odds.estimate import Answer, Question, slots_for
 from rl.evaluation.odds.splitting import HAPPENED, Ints, repeat
 from rl.mission import Step
 from rl.runs.folder import RunError
@@ -46,7 +46,7 @@ class _HappenedError(Exception):
 
 def record(question: Question, line: Line) -> Episode:
     """Run a failure again and record it."""
-    paths = question.paths(line.repeat, lambda _: None)
+    paths = question.paths(line.repeat, lambda _: None, slots_for(line.levels, line.effort))
     interval, reel = question.config.decision_interval, None
     known: set[tuple[str, int, str]] = set()
     events: list[Event] = []
