@@ -8,6 +8,7 @@ import re
 import numpy as np
 import pytest
 import torch
+from command_line import command as run_command
 from scipy import stats
 
 from rl.commands import odds as command
@@ -223,6 +224,18 @@ def test_the_command_tells_keeps_and_repeats(small, tmp_path, capsys, monkeypatc
     out = tmp_path / "failure.rrd"
     command.main([*given, "--again", str(told), "--out", str(out), "--quiet"])
     assert out.stat().st_size > 1000 and str(out) in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_processes_change_no_digit(tmp_path):
+    told = []
+    for number in (1, 2):
+        file = tmp_path / f"{number}.json"
+        given = ["otter", "--team", "usv", "--of", "lost", "--set", "usv.lost_distance=9", *SHORT, "--effort", 32]
+        ending = run_command("rl.commands.odds", *given, "--quiet", "--processes", number, "--json", file)
+        assert ending.status == 0, ending.err
+        told.append(file.read_bytes())
+    assert told[0] == told[1]
 
 
 def test_a_run_keeps_its_odds_and_its_report_shows_them(tmp_path):
