@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from taichi_sim.options import positive_int, seed
+from taichi_sim.options import port, seed
 
 if TYPE_CHECKING:
     from rl.scenario import Scenario
@@ -33,7 +33,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--seed", type=seed, default=None, help="seed of the run (default: the scenario's)")
     p.add_argument("--resume", action="store_true", help="continue the run in --out (default: the newest in runs/)")
     p.add_argument("--watch", action="store_true", help="show the training in a rerun viewer on this machine")
-    p.add_argument("--port", type=positive_int, default=9876, help="port of --watch (default: %(default)s)")
+    p.add_argument("--port", type=port, default=9876, help="port of --watch (default: %(default)s)")
     p.add_argument("--logger", choices=("tensorboard", "wandb", "none"), default="tensorboard",
                    help="where curves go besides files (default: %(default)s; wandb: extra `wandb`)")  # fmt: skip
     p.add_argument("--no-evaluation", action="store_true",

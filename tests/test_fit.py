@@ -755,5 +755,8 @@ def test_the_commands_of_the_page_run(searches, tmp_path, monkeypatch, capsys):
 ])  # fmt: skip
 def test_bad_input_is_told(words, told, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert command.main(words.split()) == 2
+    try:
+        assert command.main(words.split()) == 2
+    except SystemExit as ended:
+        assert ended.code == 2
     assert told in capsys.readouterr().err

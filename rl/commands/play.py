@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from taichi_sim.options import positive_float, positive_int, refuse_unwritable
+from taichi_sim.options import port, positive_float, refuse_unwritable
 
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
@@ -52,7 +52,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--live", action="store_true", help="show the episode in a rerun viewer while it is simulated")
     p.add_argument(
         "--web",
-        type=positive_int,
+        type=port,
         nargs="?",
         const=9090,
         default=None,
@@ -64,7 +64,7 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument(
         "--port",
-        type=positive_int,
+        type=port,
         default=9876,
         help="port of --live, and of the data of --web (default: %(default)s)",
     )
@@ -97,8 +97,8 @@ def main(argv: list[str] | None = None) -> None:
         raise RunError(f"--{name}: needs a recording for rerun: --out FILE.rrd")
     if (args.beside or args.ghost) == args.controller:
         raise RunError(f"--{name} {other}: that is what --controller shows already; give another controller")
-    for port in ([args.port] if args.live or args.web else []) + ([args.web] if args.web else []):
-        refuse_used(port)
+    for used in ([args.port] if args.live or args.web else []) + ([args.web] if args.web else []):
+        refuse_used(used)
     number = shared.recall(args)
     config, source, policies, seed = shared.open_run(args)
     place = args.run / (f"play-{seed}.rrd" if number is None else recording_name(args.controller, args.shown))

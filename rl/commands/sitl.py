@@ -16,7 +16,7 @@ import time
 from contextlib import ExitStack, closing
 from pathlib import Path
 
-from taichi_sim.options import address, output, parser_of, positive_float, positive_int, refuse_unwritable, seed
+from taichi_sim.options import address, output, parser_of, port, positive_float, refuse_unwritable, seed
 
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
@@ -49,7 +49,7 @@ def parser() -> argparse.ArgumentParser:
                    help="a CSV of all frames of each autopilot, with its vehicle in the name")  # fmt: skip
     p.add_argument("--record", metavar="PLACE", help="a recording: FILE.rrd, FILE.mcap or FOLDER/, as of `play`")
     p.add_argument("--live", action="store_true", help="show it in a rerun viewer as it moves")
-    p.add_argument("--live-port", type=positive_int, default=9876, metavar="PORT", help="of the view [9876]")
+    p.add_argument("--live-port", type=port, default=9876, metavar="PORT", help="of the view [9876]")
     p.add_argument("--duration", type=positive_float, metavar="S",
                    help="end after this much simulated time [never]")  # fmt: skip
     shared.add_common(p)

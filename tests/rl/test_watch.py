@@ -78,7 +78,8 @@ def test_a_port_in_use_is_told_before_any_work(here, run, port, tmp_path):
         here("rl.train", "--watch", "--port", port, "--out", tmp_path / "new").fails(f"port {port}", "--port")
         assert not (tmp_path / "new").exists()
         here("rl.commands.play", run, "--live", "--port", port).fails(f"port {port}", "--port")
-    here("rl.commands.play", run, "--live", "--port", 70_000).fails("70000", "--port")
+    beyond = here("rl.commands.play", run, "--live", "--port", 70_000)
+    assert beyond.status == 2 and "--port: 70000: allowed are 1 to 65535" in beyond.err
 
 
 def test_an_episode_is_shown_while_it_is_played(here, run, port):

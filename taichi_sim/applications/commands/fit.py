@@ -50,7 +50,7 @@ from taichi_sim.kernels.rigid_body import changed_mass
 from taichi_sim.models.catalogue import load_vehicle, vehicle_files
 from taichi_sim.models.usv.manoeuvring_3dof import Manoeuvring3dof
 from taichi_sim.models.usv.vessel_base import Vessel
-from taichi_sim.options import parser_of, ranged, seed
+from taichi_sim.options import option, parser_of, ranged, seed
 from taichi_sim.vehicle import Vehicle, value_at
 
 PRIOR = 0.4  # prior standard deviation of a number's logarithm; assumed
@@ -64,18 +64,12 @@ FAR = 4.0  # deviations of a prior beyond which a fitted number is doubtful
 CLOSE = 0.95  # correlations of two numbers above this are reported
 
 
-def shares(texts: list[str], option: str) -> dict[str, float]:
-    """Positive numbers from texts KEY=NUMBER."""
-    found = {}
-    for text in texts:
-        key, _, value = text.partition("=")
-        try:
-            found[key] = float(value)
-        except ValueError:
-            found[key] = 0.0
-        if not 0 < found[key] < 100:
-            raise ConfigError(f"{option} {text}: expected KEY=NUMBER above 0, for example {option} mass=0.02")
-    return found
+def _share(text: str) -> tuple[str, float]:
+    key, _, value = text.partition("=")
+    return key, float(value)
+
+
+share = option(_share, lambda pair: 0 < pair[1] < 100, "expected KEY=NUMBER above 0, for example mass=0.02")
 
 
 def numbers_of(model: Vehicle, asked: str, vehicle: str) -> tuple[str, ...]:
@@ -311,7 +305,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("vehicle", metavar="VEHICLE", help="vehicle file, or the name of a shipped one")
     p.add_argument("logs", nargs="*", type=Path, metavar="LOG", help="CSV, bag of ROS 2, ArduPilot's .bin")
     p.add_argument("--numbers", default="", metavar="KEY,...", help="numbers to fit [the usual ones of the model]")
-    p.add_argument("--prior", action="append", default=[], metavar="KEY=SHARE",
+    p.add_argument("--prior", action="append", type=share, default=[], metavar="KEY=SHARE",
                    help=f"how well it is known beforehand [{PRIOR:g}; mass {PRIORS['mass']:g}]")  # fmt: skip
     p.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE",
                    help="override KEY or SECTION.KEY of the vehicle file; several times")  # fmt: skip
@@ -330,7 +324,12 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--report", type=Path, metavar="FILE", help="write numbers, tracks and residuals as a page of HTML")
     p.add_argument("--synthetic", type=Path, metavar="DIR", help="make logs of the vehicle instead")
     p.add_argument(
-        "--factor", action="append", default=[], metavar="KEY=X", help="factor of a number in synthetic logs"
+        "--factor",
+        action="append",
+        type=share,
+        default=[],
+        metavar="KEY=X",
+        help="factor of a number in these logs",
     )
     p.add_argument("--count", type=ranged(int, 1, 1000), default=10, help="number of synthetic logs [10]")
     p.add_argument("--seed", type=seed, default=0, help="seed of synthetic logs [0]")
@@ -345,7 +344,7 @@ def run(args: argparse.Namespace) -> None:
     if not isinstance(model, Vessel):
         raise ConfigError(f"{args.vehicle}: only vessels can be fitted")
     if args.synthetic is not None:
-        factors = shares(args.factor, "--factor") or {numbers_of(model, args.numbers, args.vehicle)[0]: 1.0}
+        factors = dict(args.factor) or {numbers_of(model, args.numbers, args.vehicle)[0]: 1.0}
         asked = {"count": args.count, "seed": args.seed, "changes": changes}
         for made in write_logs(args.vehicle, factors, args.synthetic, **asked):
             print(made)
@@ -353,7 +352,7 @@ def run(args: argparse.Namespace) -> None:
     if not args.logs:
         raise ConfigError("no logs: name some, or make some by --synthetic DIR")
     keys = numbers_of(model, args.numbers, args.vehicle)
-    asked = shares(args.prior, "--prior")
+    asked = dict(args.prior)
     if unknown := sorted(set(asked) - set(keys)):
         raise ConfigError(f"--prior {unknown[0]}: it is not fitted; fitted are {', '.join(keys)}")
     for key in keys:
