@@ -100,7 +100,7 @@ REFUSED = {
     "loiter": (plan([item(0, 0, 17), *survey()]), "a.plan", "item 1", "command 17"),
     "another home": (plan(survey(), (47.4, 8.5)), "a.plan", "home", "km"),
     "no place": (plan([*survey()[:3], item(-59.9 * 111_420, -10.7 * 55_970)]), "a.plan", "0 0"),
-    "no plan": ('{"fileType": "Plan"}', "a.plan", "no plan of QGroundControl"),
+    "no plan": ('{"fileType": "Plan"}', "a.plan", "cannot be read", "mission"),
     "two waypoints": ("north,east\n0,0\n100,0\n", "a.csv", "three waypoints"),
     "other columns": ("x,y\n0,0\n100,0\n", "a.csv", "latitude and longitude"),
     "short lines": ("QGC WPL 110\n0 1 0 16\n", "a.waypoints", "12 numbers"),

@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 from rl.guidance.course.tracks import Tracks
 from taichi_sim.config import ConfigError
 from taichi_sim.config.columns import Sheet
+from taichi_sim.errors import reading, refuse
 from taichi_sim.visualisation.recording.east_north_up import Origin, from_geodetic, geodetic
 
-WAYPOINT, SPLINE, RETURN, LAND, VTOL_LAND, JUMP = 16, 82, 20, 21, 85, 177  # MAV_CMD_NAV_..., MAV_CMD_DO_JUMP
-TAKEOFF, VTOL_TAKEOFF = 22, 84
+WAYPOINT, SPLINE, TAKEOFF, VTOL_TAKEOFF, JUMP = 16, 82, 22, 84, 177  # MAV_CMD_NAV_..., MAV_CMD_DO_JUMP
+ENDS = (20, 21, 85)  # return to launch, land, VTOL land
 NAVIGATION = range(16, 96)  # commands that go somewhere, or wait there
 ALTITUDE = {0: "above mean sea level", 5: "above mean sea level", 3: "above home", 6: "above home"}  # of MAV_FRAME
 FARTHEST = 50e3  # m from home to a waypoint; assumed
@@ -56,15 +57,13 @@ class Waypoint(NamedTuple):
 
 def read_route(path: Path) -> Route:
     """Read the waypoints of a file."""
-    try:
+    with reading(path, ConfigError):
         text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read: {error}") from None
-    if text.lstrip().startswith("{"):
-        return _flown(path, *_of_plan(path, text))
-    if text.startswith("QGC WPL"):
-        return _flown(path, *_of_waypoints(path, text))
-    return _of_table(path)
+        if text.lstrip().startswith("{"):
+            return _flown(*_of_plan(text))
+        if text.startswith("QGC WPL"):
+            return _flown(*_of_waypoints(text))
+        return _of_table(path)
 
 
 def laid(route: Route, path: Path, radius: float, worlds: int) -> Tracks:
@@ -73,21 +72,24 @@ def laid(route: Route, path: Path, radius: float, worlds: int) -> Tracks:
     leg = np.roll(points, -1) - points
     length, course = np.abs(leg), np.angle(leg)
     turn = np.angle(leg / np.roll(leg, 1))  # at each waypoint, positive to starboard
-    if (sharp := np.degrees(np.abs(turn))).max() > SHARPEST:
-        k = int(sharp.argmax())
-        raise ConfigError(
-            f"{path}: at waypoint {k + 1} the route turns by {sharp[k]:.0f} deg, allowed are {SHARPEST:g}; the last "
-            "waypoint leads back to the first"
-        )
-    taken = radius * np.tan(np.abs(turn) / 2)
-    taken_of_leg = taken + np.roll(taken, -1)
-    k = int((taken_of_leg / length).argmax())
-    if taken_of_leg[k] > length[k]:
-        raise ConfigError(
-            f"{path}: the leg from waypoint {k + 1} to {(k + 1) % len(points) + 1} is {length[k]:.4g} m long: bends of "
-            f"track.min_radius = {radius:g} m do not fit, at most {radius * length[k] / taken_of_leg[k]:.3g} m does"
-        )
-    straight = length - taken_of_leg
+    taken = radius * np.tan(np.minimum(np.abs(turn), np.radians(SHARPEST)) / 2)
+    of_leg = taken + np.roll(taken, -1)
+    sharp, short = int(np.abs(turn).argmax()), int((of_leg / length).argmax())
+    refuse(
+        ConfigError,
+        (
+            (most := math.degrees(abs(turn[sharp]))) > SHARPEST,
+            f"{path}: at waypoint {sharp + 1} the route turns by {most:.0f} deg, allowed are {SHARPEST:g}; the last "
+            "waypoint leads back to the first",
+        ),
+        (
+            of_leg[short] > length[short],
+            f"{path}: the leg from waypoint {short + 1} to {(short + 1) % len(points) + 1} is {length[short]:.4g} m "
+            f"long: bends of track.min_radius = {radius:g} m do not fit, at most "
+            f"{radius * length[short] / of_leg[short]:.3g} m does",
+        ),
+    )
+    straight = length - of_leg
     # pieces from the middle of the first bend on: half a bend, leg, bend, leg ... half a bend
     bend = radius * np.abs(turn)
     pieces = np.ravel(np.column_stack((bend, straight)))
@@ -115,20 +117,16 @@ def laid(route: Route, path: Path, radius: float, worlds: int) -> Tracks:
 def _arc(length: Array, heading: Array, curvature: Array) -> NDArray[np.complex128]:
     """From the beginning to the end of arcs, north + i east."""
     turn = length * curvature
-    return length * np.sinc(turn / (2 * np.pi)) * np.exp(1j * (heading + turn / 2))
+    return np.asarray(length * np.sinc(turn / (2 * np.pi)) * np.exp(1j * (heading + turn / 2)), np.complex128)
 
 
-def _of_plan(path: Path, text: str) -> tuple[list[Waypoint], tuple[float, float]]:
+def _of_plan(text: str) -> tuple[list[Waypoint], Origin]:
     """Commands of a plan of QGroundControl, and its home."""
-    try:
-        mission = json.loads(text)["mission"]
-        home = mission["plannedHomePosition"]
-        simple = list(_simple(mission["items"]))
-        places = [[math.nan if x is None else float(x) for x in one["params"][4:7]] for one in simple]
-        found = [Waypoint(k + 1, one["command"], one["frame"], *places[k]) for k, one in enumerate(simple)]
-        return found, (float(home[0]), float(home[1]))
-    except (ValueError, KeyError, TypeError, IndexError) as error:
-        raise ConfigError(f"{path}: this is no plan of QGroundControl: {type(error).__name__} {error}") from None
+    mission = json.loads(text)["mission"]
+    simple = list(_simple(mission["items"]))
+    places = [[math.nan if x is None else float(x) for x in one["params"][4:7]] for one in simple]
+    commands = [Waypoint(k + 1, one["command"], one["frame"], *places[k]) for k, one in enumerate(simple)]
+    return commands, Origin(*map(float, mission["plannedHomePosition"][:2]))
 
 
 def _simple(items: list[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
@@ -140,49 +138,49 @@ def _simple(items: list[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
             yield from _simple(item["TransectStyleComplexItem"]["Items"])
 
 
-def _of_waypoints(path: Path, text: str) -> tuple[list[Waypoint], tuple[float, float]]:
+def _of_waypoints(text: str) -> tuple[list[Waypoint], Origin]:
     """Commands of a file of Mission Planner, and its home: the first line."""
     rows = [line.split() for line in text.splitlines()[1:] if line.strip()]
-    try:
-        found = [Waypoint(int(r[0]), int(r[3]), int(r[2]), *map(float, r[8:11])) for r in rows]
-        home, *rest = found
-    except (ValueError, IndexError, TypeError):
-        raise ConfigError(
-            f"{path}: a line of waypoints has 12 numbers: number, current, frame, command, four parameters, latitude, "
-            "longitude, altitude, autocontinue; the first is home"
-        ) from None
-    return rest, (home.latitude, home.longitude)
+    wrong = next((k for k, row in enumerate(rows, 2) if len(row) != 12), None if rows else 2)
+    refuse(ConfigError, (wrong, f"line {wrong} has not 12 numbers: number, current, frame, command, four parameters, "
+                                "latitude, longitude, altitude, autocontinue; the first line is home"))  # fmt: skip
+    home, *rest = (Waypoint(int(r[0]), int(r[3]), int(r[2]), *map(float, r[8:11])) for r in rows)
+    return rest, Origin(home.latitude, home.longitude)
 
 
-def _flown(path: Path, commands: list[Waypoint], home: tuple[float, float]) -> Route:
+def _flown(commands: list[Waypoint], home: Origin) -> Route:
     """The route of a mission: its waypoints up to a return or a landing."""
-    found: list[Waypoint] = []
-    for one in commands:
-        if one.command in (RETURN, LAND, VTOL_LAND):
-            break
-        if one.command in (WAYPOINT, SPLINE):
-            found.append(one)
-        elif one.command == JUMP or (one.command in NAVIGATION and one.command not in (TAKEOFF, VTOL_TAKEOFF)):
-            raise ConfigError(
-                f"{path}: item {one.number} is command {one.command} (of MAV_CMD), which no track can do: allowed are "
-                f"waypoints ({WAYPOINT}, {SPLINE}), takeoff, return, landing"
-            )
-    frames = {ALTITUDE.get(one.frame) for one in found}
-    if None in frames or len(frames) > 1:
-        one = next((one for one in found if one.frame not in ALTITUDE), found[0])
-        raise ConfigError(
-            f"{path}: item {one.number} has frame {one.frame}: altitudes must all be above mean sea level (0) or all "
-            "above home (3), not over terrain"
-        )
+    end = next((k for k, one in enumerate(commands) if one.command in ENDS), len(commands))
+    told = [one for one in commands[:end] if one.command not in (TAKEOFF, VTOL_TAKEOFF)]
+    found = [one for one in told if one.command in (WAYPOINT, SPLINE)]
+    other = next((one for one in told if one.command == JUMP or one.command in NAVIGATION and one not in found), None)
+    frames = {one.frame: one.number for one in found}
+    terrain = next((frame for frame in frames if frame not in ALTITUDE), None)
+    refuse(
+        ConfigError,
+        (
+            other,
+            f"item {other and other.number} is command {other and other.command} (of MAV_CMD), which no track can do: "
+            f"allowed are waypoints ({WAYPOINT}, {SPLINE}), takeoff, return, landing",
+        ),
+        (
+            terrain is not None or len({ALTITUDE.get(frame) for frame in frames}) > 1,
+            "altitudes must all be above mean sea level (frame 0) or all above home (3), not over terrain; there are "
+            + ", ".join(f"frame {frame} in item {number}" for frame, number in frames.items()),
+        ),
+    )
     place = np.array([(one.latitude, one.longitude, one.height) for one in found]).reshape(-1, 3)
-    route = _geographic(path, place)
+    route = _geographic(place)
     assert route.origin is not None
     away = float(np.linalg.norm(from_geodetic(np.array((*home, 0.0)), route.origin)))
-    if away > FARTHEST:
-        raise ConfigError(
-            f"{path}: home, {home[0]:g} {home[1]:g}, is {away / 1e3:.0f} km from the waypoints (allowed: "
-            f"{FARTHEST / 1e3:g}): the plan is of another place"
-        )
+    refuse(
+        ConfigError,
+        (
+            away > FARTHEST,
+            f"home, {home[0]:g} {home[1]:g}, is {away / 1e3:.0f} km from the waypoints (allowed: {FARTHEST / 1e3:g}): "
+            "the plan is of another place",
+        ),
+    )
     return route
 
 
@@ -191,39 +189,42 @@ def _of_table(path: Path) -> Route:
     sheet = Sheet(path)
     ways = (("latitude", "longitude", "degrees"), ("lat", "lon", "degrees"), ("north", "east", "length"))
     way = next((w for w in ways if sheet.find(w[0]) and sheet.find(w[1])), None)
-    if way is None:
-        raise ConfigError(f"{path}: columns are {', '.join(sheet.header) or 'none'}; expected latitude and longitude "
-                          "(deg), or north and east (m), and altitude if there is one. Other routes are .plan of "
-                          "QGroundControl and .waypoints of Mission Planner")  # fmt: skip
+    refuse(
+        ConfigError,
+        (
+            way is None,
+            f"columns are {', '.join(sheet.header) or 'none'}; expected latitude and longitude (deg), or north and "
+            "east (m), and altitude if there is one; or a .plan of QGroundControl, .waypoints of Mission Planner",
+        ),
+    )
+    assert way is not None
     columns = [sheet.numbers(column, way[2]) for name in way[:2] if (column := sheet.find(name))]
     altitude = sheet.find("altitude")
     height = sheet.numbers(altitude, "length") if altitude else np.full(len(sheet.rows), np.nan)
     if way[2] == "degrees":
-        return _geographic(path, np.column_stack((*columns, height)))
-    return _centred(path, np.column_stack(columns), height, None)
+        return _geographic(np.column_stack((*columns, height)))
+    return _centred(np.column_stack(columns), height, None)
 
 
-def _geographic(path: Path, place: Array) -> Route:
+def _geographic(place: Array) -> Route:
     """The route through places [n, 3]: latitude, longitude (deg), height (m)."""
-    wrong = ~(np.abs(place[:, 0]) < 90) | ~(np.abs(place[:, 1]) <= 180) | (np.abs(place[:, :2]).sum(1) < 1e-9)
-    if wrong.any():
-        k = int(wrong.argmax())
-        raise ConfigError(f"{path}: waypoint {k + 1} is at {place[k, 0]:g} {place[k, 1]:g}: latitude and longitude in "
-                          "degrees are needed, not 0 0")  # fmt: skip
-    if not len(place):
-        raise ConfigError(f"{path}: there is no waypoint")
+    wrong = ~((np.abs(place[:, 0]) < 90) & (np.abs(place[:, 1]) <= 180) & (np.abs(place[:, :2]).sum(1) > 1e-9))
+    told = "; ".join(f"waypoint {k + 1} is at {place[k, 0]:g} {place[k, 1]:g}" for k in np.flatnonzero(wrong)[:1])
+    refuse(
+        ConfigError,
+        (len(place) == 0, "there is no waypoint"),
+        (wrong.any(), f"{told}: latitude and longitude in degrees are needed, not 0 0"),
+    )
     origin = Origin(*((place.min(0) + place.max(0)) / 2)[:2])
-    level = np.nan_to_num(place * (1.0, 1.0, 0.0))
-    east, north, _ = from_geodetic(level, origin).T
-    return _centred(path, np.column_stack((north, east)), place[:, 2], origin)
+    east, north, _ = from_geodetic(np.nan_to_num(place * (1.0, 1.0, 0.0)), origin).T
+    return _centred(np.column_stack((north, east)), place[:, 2], origin)
 
 
-def _centred(path: Path, place: Array, height: Array, origin: Origin | None) -> Route:
+def _centred(place: Array, height: Array, origin: Origin | None) -> Route:
     """The route through `place` [n, 2] (m), without repeated waypoints."""
     new = np.linalg.norm(place - np.roll(place, 1, axis=0), axis=1) > SAME
     place, height = place[new], height[new]
-    if len(place) < 3:
-        raise ConfigError(f"{path}: a closed track needs three waypoints apart from each other, not {len(place)}")
+    refuse(ConfigError, (len(place) < 3, f"a closed track needs three waypoints apart, not {len(place)}"))
     middle = (place.min(0) + place.max(0)) / 2
     if origin is not None:
         origin = Origin(*geodetic(np.array((middle[1], middle[0], 0.0)), origin)[:2])

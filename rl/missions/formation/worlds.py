@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -26,6 +25,7 @@ from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.slots import Drawn, draw_formations, offsets_of, unit_offsets
 from rl.scenario import derive_seed
 from taichi_sim.config import ConfigError
+from taichi_sim.errors import refuse
 from taichi_sim.kernels.conventions import DOWN, QUATERNION, STATE_SIZE, SURGE
 from taichi_sim.kernels.rotation import torch_heading, torch_quaternion_from_euler
 from taichi_sim.randomisation.conditions import nominal_conditions
@@ -351,15 +351,17 @@ def _route(config: FormationScenario, file: Path) -> Tracks:
     route, track = read_route(file), config.track
     tracks, height = laid(route, file, track.min_radius, track.worlds), track.flight_height
     room = 2 * float(tracks.table[0, :, :2].abs().max()) + 2 * EDGE
-    if room > config.area:
-        raise ConfigError(f"area = {config.area:g}: track.file, with {EDGE:g} m around its route, needs {room:.5g}")
     aloft = any(team.medium == "air" for team in config.formations.values())
-    if aloft and (np.abs(route.height - height) > 1.0).any():
-        low, high = np.nanmin(route.height), np.nanmax(route.height)
-        raise ConfigError(
+    low, high = route.height.min(), route.height.max()  # NaN where the file gives none
+    refuse(
+        ConfigError,
+        (room > config.area, f"area = {config.area:g}: track.file, with {EDGE:g} m around it, needs {room:.5g}"),
+        (
+            aloft and (low < height - 1.0 or high > height + 1.0),
             f"{file}: its altitudes are {low:g} to {high:g} m, track.flight_height is {height:g} m: aircraft hold one "
-            "height; give the route one, or none, or the same as track.flight_height"
-        )
+            "height; give the route one, or none, or the same as track.flight_height",
+        ),
+    )
     return tracks
 
 
