@@ -19,6 +19,7 @@ from torch import Tensor
 from rl.learn.policy import STD, CheckpointError, checkpoints, read_checkpoint
 from rl.learn.policy_sources import SUFFIX, Network, shipped_files
 from rl.scenario import PRETRAINED, Scenario
+from taichi_sim.errors import refuse
 
 STARTED = "started_from"  # in a checkpoint's infos: weights that may be of another network
 NETWORK = "network."  # before the names of an exported actor's weights (export.py)
@@ -35,20 +36,19 @@ def starting_weights(config: Scenario, beside: Path) -> dict[str, dict]:
             continue
         key, (kind, _, scenario) = f"stages.{name}.start_from = {stage.start_from!r}", stage.start_from.partition("/")
         place = next((p for p in (Path(stage.start_from), beside / stage.start_from) if p.exists()), None)
-        if place is None and kind != PRETRAINED:
-            raise CheckpointError(f"{key}: no such run, checkpoint or {SUFFIX} file; {PRETRAINED}: the package's")
+        lost = place is None and kind != PRETRAINED
+        refuse(CheckpointError, (lost, f"{key}: no such run, checkpoint or {SUFFIX} file; {PRETRAINED}: the package's"))
         for team in stage.learners:
             if place is None:
                 files = shipped_files(scenario or config.name)
-                if team not in files:
-                    raise CheckpointError(f"{key}: no policy of {team} comes with the package, but {', '.join(files)}")
+                told = f"{key}: no policy of {team} comes with the package, but {', '.join(files)}"
+                refuse(CheckpointError, (team not in files, told))
                 found: dict[str, Any] = exported_weights(files[team])
             elif place.suffix == SUFFIX:
                 found = exported_weights(place)
             else:
                 saved = checkpoints(place / team) if place.is_dir() else [place]
-                if not saved:
-                    raise CheckpointError(f"{key}: no trained {team} policy (no {team}/model_N.pt)")
+                refuse(CheckpointError, (not saved, f"{key}: no trained {team} policy (no {team}/model_N.pt)"))
                 found = read_checkpoint(saved[-1]) | {"iter": 0}
             infos = found.get("infos") or {}
             names = {what: infos[what] for what in ("observations", "actions") if what in infos}

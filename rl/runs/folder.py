@@ -46,7 +46,7 @@ from taichi_sim.config.io import (
     write_toml,
 )
 from taichi_sim.config.plugins import PluginError, imported_from, is_plugin, plugin_source
-from taichi_sim.errors import UserError
+from taichi_sim.errors import UserError, refuse
 from taichi_sim.models.catalogue import vehicle_files
 
 CONFIG, META, SUMMARY, DUMPS = "config.toml", "meta.json", "summary.json", "dumps"
@@ -274,20 +274,19 @@ def newest(folder: Path) -> Path:
 def continued(out: Path, config: str | None, overrides: list[str]) -> tuple[Scenario, Path]:
     """The scenario of a run to be continued, and its file: the saved one, but for what may change in it (`GOES_ON`)."""
     keys = [tuple(key_of(text).split(".")) for text in overrides]
-    if config or any(len(key) != 3 or key[0] != "stages" or key[2] not in GOES_ON for key in keys):
-        raise RunError(
-            "--resume continues a run with its saved configuration: leave out --config, --seed and --set, but for "
-            f"stages.NAME.{', stages.NAME.'.join(GOES_ON)}, or begin a new run"
-        )
+    other = config or any(len(key) != 3 or key[0] != "stages" or key[2] not in GOES_ON for key in keys)
+    told = "--resume continues a run with its saved configuration: leave out --config, --seed and --set, but for "
+    refuse(RunError, (other, f"{told}stages.NAME.{', stages.NAME.'.join(GOES_ON)}, or begin a new run"))
     (before, _), (now, file) = load_config(out), load_config(out, overrides)
     for name, stage in now.stages.items():
         old, key = before.stages[name].iterations, f"stages.{name}.iterations = {stage.iterations}"
         for team in stage.learners if stage.iterations != old else ():
             done = _completed(out / team) - now.iterations_before(name, team)
-            if done > stage.iterations:
-                raise RunError(f"{key}: {team} has completed {done} already")
-            if done > old:
-                raise RunError(f"{key}: {team} has gone on in a later stage: let that one go on, or begin a new run")
+            refuse(
+                RunError,
+                (done > stage.iterations, f"{key}: {team} has completed {done} already"),
+                (done > old, f"{key}: {team} has gone on in a later stage: let that one go on, or begin a new run"),
+            )
     return now, file
 
 
