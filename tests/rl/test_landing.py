@@ -166,21 +166,23 @@ def test_what_a_pilot_remembers_moves_on_once_a_decision():
         first = team.wanted
         before = {name: value.clone() for name, value in vars(team.pilot).items() if isinstance(value, torch.Tensor)}
         learnt = None if team.pilot.model is None else team.pilot.model.count.clone()
-        assert torch.equal(team.pilot.wanted(team), first)
+        assert torch.equal(team.pilot.wanted(), first)
         assert all(torch.equal(getattr(team.pilot, name), value) for name, value in before.items())
         assert learnt is None or torch.equal(team.pilot.model.count, learnt)
 
 
 def test_a_pilot_foresees_the_deck_until_it_has_touched(monkeypatch):
     """From where it waits it comes down as it does over a deck at rest; then some time to spare, in whole samples."""
-    monkeypatch.setattr(Pilot, "_lift", lambda self, team: torch.zeros(1))
-    monkeypatch.setattr(Pilot, "_deck_falls", lambda self, team: torch.zeros(1))
+    monkeypatch.setattr(Pilot, "_lift", lambda self: torch.zeros(1))
+    monkeypatch.setattr(Pilot, "_deck_falls", lambda self: torch.zeros(1))
     sample = SAMPLED * 0.05
     for numbers in ({}, {"wait": 3.0, "sink": 0.5, "steep": 0.2}):
-        pilot = Pilot(PilotConfig(kind="forecast", **numbers), torch.zeros(1, 1, 3), 0.05)
+        like, deck = SimpleNamespace(state=torch.zeros(1, 1, 3)), SimpleNamespace(above=torch.zeros(1))
+        pilot = Pilot(PilotConfig(kind="forecast", **numbers), like, deck, None, 0.0, torch.zeros(1), 0.05)
         height, takes, dt = torch.tensor([pilot.config.wait]), 0.0, 0.01
         while float(height) > 0:
-            height = height - dt * pilot._matched(SimpleNamespace(known_height=height), torch.zeros(1))
+            deck.above = height
+            height = height - dt * pilot._matched(torch.zeros(1))
             takes += dt
         assert takes + MARGIN - 0.02 < pilot.ahead.shape[-1] * sample < takes + MARGIN + sample + 0.02
 

@@ -117,7 +117,9 @@ class Aircraft(Team[LandingHost, LandingTeam]):
 
     def make_controller(self) -> Pilot:
         """The pilot of `[TEAM.pilot]`."""
-        return Pilot(self.section.pilot, self.fleet.state, self.interval)
+        return Pilot(
+            self.section.pilot, self.own, self.known_deck, self.model.gains, self.soles_below, self.steps, self.interval
+        )
 
     @property
     def pilot(self) -> Pilot:
@@ -137,7 +139,7 @@ class Aircraft(Team[LandingHost, LandingTeam]):
     def wanted(self) -> Tensor:
         """Velocity [env, aircraft, 3] (NED, m/s) that the pilot wants now."""
         if self._wanted is None:
-            self._wanted = self.pilot.wanted(self)
+            self._wanted = self.pilot.wanted()
         return self._wanted
 
     @property
@@ -210,7 +212,7 @@ class Aircraft(Team[LandingHost, LandingTeam]):
         wanted, far = self.wanted.clone(), away > c.reach
         wanted[..., DOWN] = torch.where(far, wanted[..., DOWN].clamp(min=0.0), wanted[..., DOWN])
         velocity = corrected(wanted, share * action, known.heading, c.level, c.vertical)
-        return self.flown(self.pilot.limited(self, velocity, self.pilot.config.approach + c.level))
+        return self.flown(self.pilot.limited(velocity, self.pilot.config.approach + c.level))
 
     @property
     def plan_names(self) -> tuple[str, ...]:
@@ -224,7 +226,7 @@ class Aircraft(Team[LandingHost, LandingTeam]):
         """
         velocity = corrected(self.wanted, correction, self.known_deck.heading, 1.0, 1.0)
         if known is not None:
-            velocity = self.pilot.limited(self, velocity, self.pilot.config.approach)
+            velocity = self.pilot.limited(velocity, self.pilot.config.approach)
         return self.flown(velocity)
 
     def flown(self, velocity: Tensor) -> Tensor:

@@ -18,7 +18,7 @@ It is slower while the aircraft leans far into the wind, because its airspeed is
 """
 
 import math
-from typing import Protocol
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -27,10 +27,9 @@ from rl.guidance.forecast import Autoregression
 from rl.missions.landing.config import PilotConfig
 from rl.missions.landing.known_deck import BLIND, KnownDeck
 from rl.missions.landing.level_frame import out_of_level
-from rl.perception.instruments import Readings
 from taichi_sim.fleet import Views
 from taichi_sim.kernels.conventions import BELOW, DOWN, GRAVITY
-from taichi_sim.models.uav.multirotor.multirotor_6dof import Multirotor6DOF
+from taichi_sim.models.uav.multirotor.controller import ControllerGains
 from taichi_sim.state.memory import Remembers
 
 MEAN = 8.0  # s, over which "descend" averages the deck's velocity and height; assumed
@@ -48,38 +47,6 @@ OVER, ABOVE = 0.2, 0.5  # m from the deck's middle where a policy may touch; hei
 HIGH = 2.5  # m above the deck, where a policy stays that has not seen the marker for BLIND; assumed
 
 
-class Piloted(Protocol):
-    """What a pilot reads of its team (aircraft.py); tensors are [env, aircraft, ...]."""
-
-    model: Multirotor6DOF
-    own: Readings
-    soles_below: float
-
-    @property
-    def steps(self) -> Tensor:
-        """int64 [env], decisions since the episode began."""
-        ...
-
-    @property
-    def known_deck(self) -> KnownDeck:
-        """What each aircraft knows of its deck."""
-        ...
-
-    @property
-    def known_height(self) -> Tensor:
-        """Estimated height of the soles above the deck's plane, m."""
-        ...
-
-    @property
-    def wanted(self) -> Tensor:
-        """Velocity [.., 3] (NED, m/s) that the pilot wants now."""
-        ...
-
-    def flown(self, velocity: Tensor) -> Tensor:
-        """Actions that fly a velocity [.., 3] (NED, m/s)."""
-        ...
-
-
 class Pilot(Remembers):
     """Flies the aircraft of a team (see the module); every tensor is [env, aircraft, ...].
 
@@ -91,9 +58,17 @@ class Pilot(Remembers):
         model, ahead: of the deck's vertical speed, and its forecast [.., n] (m/s); `forecast` alone.
     """
 
-    def __init__(self, config: PilotConfig, like: Tensor, interval: float):
-        """Make the pilot for the aircraft of `like` [env, aircraft, n], which decides every `interval` s."""
-        self.config, self.interval = config, interval
+    def __init__(
+        self, config: PilotConfig, own: Views, deck: KnownDeck, gains: ControllerGains, soles_below: float,
+        steps: Tensor, interval: float,
+    ):  # fmt: skip
+        """Fly aircraft by `own`, as they measure themselves, and what they know of their `deck`, both live.
+
+        `gains`: of the vehicle's controller. `soles_below`: of the soles below the aircraft's origin, m. `steps`: int64
+        [env], decisions since the episode began, live; one takes `interval` s.
+        """
+        self.config, self.interval, like = config, interval, own.state
+        self._own, self._deck, self._gains, self._soles_below, self._steps = own, deck, gains, soles_below, steps
         self.height, self.ready, self.waiting = (self.remember(like.new_zeros(like.shape[:2])) for _ in range(3))
         self.velocity, self.lean, self.before = (self.remember(torch.zeros_like(like[..., :3])) for _ in range(3))
         self.down = self.remember(torch.zeros_like(self.height, dtype=torch.bool))
@@ -102,8 +77,8 @@ class Pilot(Remembers):
         if config.kind == "forecast":
             self.model = Autoregression(self.height, ORDER)
             takes = math.log(1 + config.steep * config.wait / config.sink) / config.steep  # s, to come down
-            self._steps = math.ceil((takes + MARGIN) / (SAMPLED * interval))
-            self.ahead = like.new_zeros((*self.height.shape, self._steps))
+            self._ahead = math.ceil((takes + MARGIN) / (SAMPLED * interval))
+            self.ahead = like.new_zeros((*self.height.shape, self._ahead))
 
     def begin(self, envs: Tensor) -> None:
         """Clear the pilot's memory in environments `envs` [n], in which episodes begin."""
@@ -114,18 +89,18 @@ class Pilot(Remembers):
             self.model.begin(envs)
             self.ahead[envs] = 0.0
 
-    def __call__(self, team: Piloted) -> Tensor:
+    def __call__(self, team: Any) -> Tensor:
         """Actions [env, aircraft, a] that fly the wanted velocity."""
         return team.flown(team.wanted)
 
-    def wanted(self, team: Piloted) -> Tensor:
+    def wanted(self) -> Tensor:
         """Velocity [env, aircraft, 3] (NED, m/s) that the pilot wants now; its memory advances once a decision."""
-        known, c = team.known_deck, self.config
-        since = self.interval * (team.steps != self.asked).to(self.height).unsqueeze(-1)
-        self.asked = team.steps.clone()
-        self._average(known, team.own, since)
-        lag, lead = c.lag, 1 / team.model.gains.velocity
-        gaining, to, away = self._foreseen(team)
+        known, c = self._deck, self.config
+        since = self.interval * (self._steps != self.asked).to(self.height).unsqueeze(-1)
+        self.asked = self._steps.clone()
+        self._average(known, self._own, since)
+        lag, lead = c.lag, 1 / self._gains.velocity
+        gaining, to, away = self._foreseen()
         r = to.norm(dim=-1)
         slow, most = c.position * r, (2 * c.braking * r).sqrt()
         fastest = c.approach * self._ease(-(self.lean[..., :2] * to).sum(-1) / r.clamp(min=1e-3))
@@ -136,17 +111,22 @@ class Pilot(Remembers):
             level = self.velocity[..., :2] + toward
         else:
             level = known.velocity[..., :2] + lead * known.acceleration[..., :2] + lag * gaining + toward
-            level = self._flared(team, level, away)
-        fall = {"descend": self._descend, "glide": self._glide, "forecast": self._forecast}[c.kind](team, away, since)
+            level = self._flared(level, away)
+        fall = {"descend": self._descend, "glide": self._glide, "forecast": self._forecast}[c.kind](away, since)
         return torch.cat((level, fall.unsqueeze(-1)), dim=-1)
 
-    def _foreseen(self, team: Piloted) -> tuple[Tensor, Tensor, Tensor]:
+    @property
+    def _height(self) -> Tensor:
+        """Estimated height of the soles above the deck's plane, m."""
+        return self._deck.above - self._soles_below
+
+    def _foreseen(self) -> tuple[Tensor, Tensor, Tensor]:
         """Return the level parts of the deck's acceleration over the aircraft's own and of the way to the deck when a
         command has its effect, both [env, aircraft, 2] (m/s^2, m), and the longer of that way and the way now (m).
         """
-        known, lag = team.known_deck, self.config.lag
-        closing = (known.velocity - team.own.velocity_n)[..., :2]
-        gaining = known.acceleration[..., :2] - GRAVITY * (self.lean - team.own.R_nb[..., BELOW])[..., :2]
+        known, lag = self._deck, self.config.lag
+        closing = (known.velocity - self._own.velocity_n)[..., :2]
+        gaining = known.acceleration[..., :2] - GRAVITY * (self.lean - self._own.R_nb[..., BELOW])[..., :2]
         to = known.to[..., :2] + lag * closing + 0.5 * lag * lag * gaining
         return gaining, to, torch.maximum(to.norm(dim=-1), known.to[..., :2].norm(dim=-1))
 
@@ -157,20 +137,20 @@ class Pilot(Remembers):
         """
         return ((EASED - lean) / (EASED - UPRIGHT)).clamp(LEAST, 1.0)
 
-    def limited(self, team: Piloted, velocity: Tensor, fastest: float) -> Tensor:
+    def limited(self, velocity: Tensor, fastest: float) -> Tensor:
         """Return a policy's velocity [env, aircraft, 3] (NED, m/s) within the pilot's limits.
 
         The lower the aircraft is, the slower it sinks. It stays above the height that its lean to the deck (`_lift`)
         and its way to the middle (OVER) allow, and high until it sees the marker (BLIND). Into the wind it flies over
         the deck at `fastest` (m/s), and slower while it leans far.
         """
-        known, height = team.known_deck, team.known_height
-        beside = self.config.cone * (self._foreseen(team)[2] - OVER)
-        lift = torch.maximum(self._lift(team), beside.clamp(0.0, ABOVE))
+        known, height = self._deck, self._height
+        beside = self.config.cone * (self._foreseen()[2] - OVER)
+        lift = torch.maximum(self._lift(), beside.clamp(0.0, ABOVE))
         lift = torch.where(known.seen > BLIND, lift.clamp(min=HIGH), lift)
         most = SINK + STEEP * height.clamp(min=0.0)
         most = torch.where(lift > 0, torch.minimum(most, self.config.position * (height - lift)), most)
-        down = torch.minimum(velocity[..., DOWN], self._deck_falls(team) + most)
+        down = torch.minimum(velocity[..., DOWN], self._deck_falls() + most)
         lean = self.lean[..., :2].norm(dim=-1)
         wind = -self.lean[..., :2] / lean.clamp(min=1e-3).unsqueeze(-1)
         into = ((velocity - known.velocity)[..., :2] * wind).sum(-1)
@@ -191,48 +171,47 @@ class Pilot(Remembers):
         self.lean = torch.where(fresh.unsqueeze(-1), own.R_nb[..., BELOW], lean)
         self.before = own.velocity_n.clone()
 
-    def _flared(self, team: Piloted, level: Tensor, away: Tensor) -> Tensor:
+    def _flared(self, level: Tensor, away: Tensor) -> Tensor:
         """Velocity [.., 2] (m/s): `level`, or close above the deck one that turns the thrust to the deck's normal.
 
         Until then the thrust leans against the wind. The velocity command exceeds the own velocity by as much as makes
         the velocity loop ask for that change of thrust.
         """
-        push = GRAVITY * (self.lean - team.known_deck.down)[..., :2] / team.model.gains.velocity
-        flares = (team.known_height < self.config.flare + self._lift(team)) & (away < 2 * self.config.near)
-        return torch.where(flares.unsqueeze(-1), team.own.velocity_n[..., :2] + push, level)
+        push = GRAVITY * (self.lean - self._deck.down)[..., :2] / self._gains.velocity
+        flares = (self._height < self.config.flare + self._lift()) & (away < 2 * self.config.near)
+        return torch.where(flares.unsqueeze(-1), self._own.velocity_n[..., :2] + push, level)
 
-    @staticmethod
-    def _lift(team: Piloted) -> Tensor:
+    def _lift(self) -> Tensor:
         """Height (m) above the deck that the aircraft keeps until it is parallel to the deck."""
-        upright = (team.own.R_nb[..., BELOW] * team.known_deck.down).sum(-1)
+        upright = (self._own.R_nb[..., BELOW] * self._deck.down).sum(-1)
         return LIFT * (upright.clamp(-1.0, 1.0).acos() - STEEPEST).clamp(min=0.0)
 
     def _near(self, r: Tensor, since: Tensor) -> Tensor:
         self.ready = torch.where(r < 3 * self.config.near, self.ready + since, 0.0)
         return r < 2 * self.config.near
 
-    def _descend(self, team: Piloted, r: Tensor, since: Tensor) -> Tensor:
+    def _descend(self, r: Tensor, since: Tensor) -> Tensor:
         """Velocity down (m/s) of the kind `descend`."""
         c = self.config
         self._near(r, since)
         self.down = self.down | (self.ready > WAITED)
-        hover = self.height - c.hover - team.soles_below
-        climb = c.position * (hover - team.own.position_n[..., DOWN])
+        hover = self.height - c.hover - self._soles_below
+        climb = c.position * (hover - self._own.position_n[..., DOWN])
         climb = torch.where(r > 5.0, climb.clamp(max=0.0), climb)  # it holds its height as it approaches
         return torch.where(self.down, torch.full_like(r, c.fall), climb.clamp(-2.0, 1.5))
 
-    def _matched(self, team: Piloted, least: Tensor) -> Tensor:
+    def _matched(self, least: Tensor) -> Tensor:
         """Velocity down (m/s), matched to the deck's, that leads to the height `least` (m) above the deck."""
         c = self.config
-        least = torch.maximum(least, self._lift(team))
-        height = team.known_height
+        least = torch.maximum(least, self._lift())
+        height = self._height
         sink = c.sink + c.steep * height.clamp(min=0.0)
         sink = torch.where(least > 0, torch.minimum(sink, c.position * (height - least)), sink)
-        return self._deck_falls(team) + sink
+        return self._deck_falls() + sink
 
-    def _deck_falls(self, team: Piloted) -> Tensor:
+    def _deck_falls(self) -> Tensor:
         """Return the deck's velocity down (m/s) at the time when a command has its effect."""
-        known, lead = team.known_deck, 1 / team.model.gains.climb + 0.5 * self.interval
+        known, lead = self._deck, 1 / self._gains.climb + 0.5 * self.interval
         return known.velocity[..., DOWN] + lead * known.acceleration[..., DOWN]
 
     def _cone(self, r: Tensor) -> Tensor:
@@ -240,25 +219,25 @@ class Pilot(Remembers):
         c = self.config
         return torch.minimum(c.cone * (r - c.near).clamp(min=0.0), c.floor + c.slope * r)
 
-    def _glide(self, team: Piloted, r: Tensor, since: Tensor) -> Tensor:
-        return self._matched(team, self._cone(r))
+    def _glide(self, r: Tensor, since: Tensor) -> Tensor:
+        return self._matched(self._cone(r))
 
-    def _forecast(self, team: Piloted, r: Tensor, since: Tensor) -> Tensor:
-        c, known, model = self.config, team.known_deck, self.model
+    def _forecast(self, r: Tensor, since: Tensor) -> Tensor:
+        c, known, model = self.config, self._deck, self.model
         assert model is not None and self.ahead is not None
-        due = (team.steps % SAMPLED == 0).unsqueeze(-1) & (since > 0)
+        due = (self._steps % SAMPLED == 0).unsqueeze(-1) & (since > 0)
         model.learn(known.velocity[..., DOWN], due)
-        self.ahead = torch.where(due.unsqueeze(-1), model.predict(self._steps), self.ahead)
+        self.ahead = torch.where(due.unsqueeze(-1), model.predict(self._ahead), self.ahead)
         wider = 2.0 ** (self.waiting / c.patience).floor()
         quiet = (self.ahead.abs().amax(-1) < wider * c.quiet_heave) & model.ready
         quiet &= known.tilt < wider * math.radians(c.quiet_tilt_deg)
         near = self._near(r, since)
-        waits = (team.known_height < c.wait + 0.5) & near
+        waits = (self._height < c.wait + 0.5) & near
         self.waiting = torch.where(waits, self.waiting + since, self.waiting)
         self.down = (self.down & (r < 4 * c.near)) | (waits & quiet)
         cone = self._cone(r)
         least = torch.where(self.down, cone, cone.clamp(min=c.wait))
-        return self._matched(team, least)
+        return self._matched(least)
 
 
 def corrected(wanted: Tensor, correction: Tensor, heading: tuple[Tensor, Tensor], level: float, down: float) -> Tensor:
