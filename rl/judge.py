@@ -70,8 +70,9 @@ class Judge(Generic[M, C]):
     A mission in which an episode can succeed names `success_rate` in its definitions.
 
     Class attributes: `definitions`, figure -> its definition, in the order in which they are printed; `plotted`, the
-    figures that sweeps and checkups plot; `shares`, those between 0 and 1; `told`, numbers of an episode that reports
-    show over its conditions, with their label; `goals`, the endings that are what a vehicle was to do.
+    figures that sweeps and checkups plot; `shares`, those between 0 and 1; `signed`, those that may be negative;
+    `told`, numbers of an episode that reports show over its conditions, with their label; `goals`, the endings that are
+    what a vehicle was to do.
     """
 
     definitions: ClassVar[dict[str, str]] = {
@@ -80,6 +81,7 @@ class Judge(Generic[M, C]):
     }
     plotted: ClassVar[tuple[str, ...]] = ("reward_per_step", "collision_free_episodes")
     shares: ClassVar[tuple[str, ...]] = SHARES
+    signed: ClassVar[tuple[str, ...]] = ("reward_per_step", "least_gap_m", "energy_per_metre_J")
     told: ClassVar[Mapping[str, str]] = MappingProxyType({})
     goals: ClassVar[tuple[str, ...]] = ()
 

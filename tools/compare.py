@@ -1,5 +1,10 @@
-"""Compare runs with the classical controller on the same held-out episodes: a Markdown table with 95 % intervals.
+"""Compare A with B on the same held-out episodes: every figure of the mission's judge, paired, with 95 % intervals.
 
+    compare A B              two runs; B also: classical, pretrained
+    compare A1 A2 -- B1 B2   training seeds of two recipes, as groups
+    compare RUN              a run, or three and more, each against the classical controller
+
+In the last case it prints a Markdown table of figures, as follows.
 Runs of one scenario with different training seeds are also judged together, in the last row of a team. Its intervals
 draw episodes, each with the results of all runs.
 
@@ -17,13 +22,16 @@ import numpy as np
 
 from taichi_sim.options import positive_int, seed
 
+VERSUS = "versus"  # stands for --, which argparse takes for itself
+
 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
     from rl.commands import shared
 
-    p = argparse.ArgumentParser(description=__doc__)
-    p.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="run folders of rl/train.py")
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("runs", nargs="+", type=Path, metavar="RUN",
+                   help="run folders of rl/train.py")  # fmt: skip
     p.add_argument("--seed", type=seed, default=None, help="seed of the held-out episodes (default: the scenario's)")
     p.add_argument("--episodes", type=positive_int, default=None, help="episodes of each run (default: the scenario's)")
     shared.add_common(p)
@@ -32,10 +40,18 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: list[str] | None = None) -> None:
     """Run the command."""
-    args = parser().parse_intermixed_args(argv)
+    given = [VERSUS if text == "--" else text for text in (sys.argv[1:] if argv is None else argv)]
+    args = parser().parse_intermixed_args(given)
     from rl.commands import shared
 
     shared.start(args)
+    names = [str(run) for run in args.runs]
+    cut = names.index(VERSUS) if VERSUS in names else 1
+    if VERSUS in names or len(names) == 2:
+        sides = names[:cut], [name for name in names[cut:] if name != VERSUS]
+        if not all(sides):
+            parser().error("a side has no run")
+        return against(sides, args)
     found: dict[tuple[str, str], list[tuple[str, Any, Any]]] = {}
     classical: dict[str, Any] = {}
     kinds: dict[str, Any] = {}
@@ -52,6 +68,19 @@ def main(argv: list[str] | None = None) -> None:
         print("\n" + headroom_table(taken, kinds))
     if odds := odds_table(args.runs):
         print("\n" + odds)
+
+
+def against(sides: tuple[list[str], list[str]], args: argparse.Namespace) -> None:
+    """Print the figures of two sides on the same episodes."""
+    from rl.evaluation import comparison
+
+    of = comparison.contest(
+        sides, args.overrides, episodes=args.episodes, seed=args.seed, show_progress=not args.quiet
+    )  # fmt: skip
+    print("\n".join(f"{letter}: {', '.join(side)}" for letter, side in zip("AB", sides, strict=True)))
+    print("\n".join(of.notes))
+    for team in of.numbers[0]:
+        print(f"\n{comparison.table(of, team)}")
 
 
 def on_bounds(run: Path, args: argparse.Namespace) -> dict[str, tuple[Any, Any]]:
@@ -160,12 +189,17 @@ def joined(parts: list[Any]) -> dict[str, Any]:
 
 
 def cell(key: str, judge: Any, learned: Any, opponent: Any, times: int) -> str:
-    """One figure of both controllers, and their difference (shares, in points) or ratio (others), with interval."""
+    """One figure of both controllers, and their difference (shares, in points, and figures that may be
+    negative) or ratio (others), with interval.
+    """
     from rl.evaluation.intervals import differences, intervals, ratios
 
     one, other = intervals(judge, learned)[key].value, intervals(judge, opponent)[key].value
     if one is None or other is None:
         return "-"
+    if key in judge.signed:
+        middle, low, high = (x or 0.0 for x in differences(judge, learned, opponent, times)[key])
+        return f"{one:.3f} / {other:.3f}: {middle:+.3f} ({low:+.3f} to {high:+.3f})"
     if key in judge.shares:
         middle, low, high = (100 * (x or 0.0) for x in differences(judge, learned, opponent, times)[key])
         return f"{100 * one:.1f} / {100 * other:.1f} %: {middle:+.1f} ({low:+.1f} to {high:+.1f})"

@@ -21,7 +21,7 @@ SCRIPTS = {  # name -> module, further arguments, description
     "pilot": ("rl.commands.pilot", (), "steer real vehicles by a policy, as the MAVLink companion of their autopilots"),
     "report": ("rl.commands.report", (), "write report.html of a run again, or one that compares two runs"),
     "tune": ("rl.commands.tune", (), "search for the numbers of a classical controller"),
-    "compare": ("tools.compare", (), "several training seeds against classical control, with intervals"),
+    "compare": ("tools.compare", (), "A against B, or each against classical control, with intervals"),
     "benchmark": ("tools.benchmark", (), "measure speed on this machine"),
     "draw-sea": ("tools.draw_sea", (), "a picture of a scenario's sea"),
     "sea-of": ("tools.sea_of", (), "the seas in a file of measured spectra, and which vessels survive them"),

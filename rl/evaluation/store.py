@@ -62,7 +62,7 @@ def save_evaluation(
     run: Path, outcome: EvaluationOutcome, config: Path | None = None, overrides: Sequence[str] = ()
 ) -> None:
     """Store an evaluation in a run's folder; it replaces the previous one of the same controller."""
-    file = _file(run, outcome.result["controller"])
+    file = evaluation_file(run, outcome.result["controller"])
     file.parent.mkdir(exist_ok=True)
     made = conditions(config, overrides)
     save_log(log_file(run, outcome.result["controller"]), outcome.shown, outcome.crashes)
@@ -100,7 +100,7 @@ def load_odds(run: Path) -> list[dict[str, Any]]:
 
 def load_evaluation(run: Path, controller: str) -> StoredEvaluation | None:
     """The last evaluation of a controller; None if there is none."""
-    file = _file(run, controller)
+    file = evaluation_file(run, controller)
     if not file.is_file():
         return None
     content = run_folder.read_json(file, dict)
@@ -161,7 +161,8 @@ def _arrays(plain: Mapping[str, Mapping[str, list[float | None]]]) -> dict[str, 
     return {team: {name: np.array(v, dtype=float) for name, v in of.items()} for team, of in plain.items()}
 
 
-def _file(run: Path, controller: str) -> Path:
+def evaluation_file(run: Path, controller: str) -> Path:
+    """The file of the last evaluation of a controller."""
     return run / FOLDER / f"{controller}.json"
 
 
