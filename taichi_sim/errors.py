@@ -29,6 +29,15 @@ def refuse(error: type[Exception], *checks: tuple[object, str]) -> None:
 
 
 @contextmanager
+def named(where: str, error: type[Exception], caught: type[Exception] | None = None) -> Generator[None]:
+    """Raise what goes wrong inside it, as `caught` (default: as `error`), as `error` with `where` before its words."""
+    try:
+        yield
+    except caught or error as fault:  # noqa: B030
+        raise error(f"{where}{fault}") from None
+
+
+@contextmanager
 def reading(path: object, error: type[Exception]) -> Generator[None]:
     """Read a file inside it: what goes wrong is raised as `error`, and names the file.
 

@@ -7,7 +7,7 @@ scripted teams, but neither trains nor judges them.
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Self, TypeVar
@@ -28,6 +28,7 @@ from taichi_sim.config.arguments import (
 from taichi_sim.config.base import number, span
 from taichi_sim.config.io import find_config, load_world, vehicle_file
 from taichi_sim.config.plugins import load_class
+from taichi_sim.errors import named
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.conventions import EAST, QUATERNION, STATE_SIZE, SURFACE_SIZE
@@ -219,13 +220,9 @@ class World(Stateful):
         self.teams[name] = fleet = Fleet(name, model, self.num_envs, section.count)
         self._variation.add(fleet)
         if section.script is not None:
-            try:
-                kind: Callable[[World, str], Script] = load_class(
-                    section.script, Script, [source.parent] if source else []
-                )
-            except ConfigError as error:
-                raise ConfigError(f"{name}.script = {error}") from None
-            self.scripts[name] = kind(self, name)
+            with named(f"{name}.script = ", ConfigError):
+                kind = load_class(section.script, Script, [source.parent] if source else [])
+            self.scripts[name] = kind(self, name)  # pyright: ignore[reportAbstractUsage]
         water, air = self.current.mean_factor(model.draft), self.wind.speed_factor(model.wind_height)
         felt = self.around
         if (water, air) != (1.0, 1.0):

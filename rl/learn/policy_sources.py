@@ -32,6 +32,7 @@ from rl.team import Team
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder
 from taichi_sim.config.plugins import is_plugin, load_class
+from taichi_sim.errors import named
 from taichi_sim.kernels import runtime
 
 SUFFIX = ".onnx"
@@ -255,10 +256,8 @@ def _tell_vehicles(source: str, own: Scenario, config: Scenario, teams: Sequence
 
 def given_policies(config: Scenario) -> dict[str, Policy]:
     """The policies of the package by which teams act that no stage of a scenario trains (`Scenario.given`)."""
-    try:
+    with named(f"frozen = {list(config.given.values())}: ", CheckpointError):
         return policies_from(list(config.given.values()), config, list(config.given))
-    except CheckpointError as error:
-        raise CheckpointError(f"frozen = {list(config.given.values())}: {error}") from None
 
 
 def _of_function(name: str, beside: Sequence[Path]) -> RowPolicy:

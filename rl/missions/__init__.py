@@ -16,6 +16,7 @@ from taichi_sim.config.files import resolve_files
 from taichi_sim.config.io import apply_overrides, find_config, key_of, read_toml, validate, vehicle_file
 from taichi_sim.config.plausible import judge
 from taichi_sim.config.plugins import is_plugin, load_class
+from taichi_sim.errors import named
 from taichi_sim.kernels import runtime
 
 
@@ -41,10 +42,8 @@ def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = (), the
     file = find_config(path)
     data, overrides, then = read_toml(file), list(overrides), list(then)
     sources = apply_overrides(data, [text for text in overrides + then if key_of(text) == "mission"])
-    try:
+    with named(f"{sources.get('mission', file)}: mission = ", ConfigError):
         kind = find_mission(data.get("mission", Scenario.model_fields["mission"].default), [file.parent])
-    except ConfigError as error:
-        raise ConfigError(f"{sources.get('mission', file)}: mission = {error}") from None
     fit_other_vehicles(data, overrides + then, file, kind.Config)
     sources = apply_overrides(data, overrides, kind.Config)
     sources |= apply_overrides(data, then, kind.Config)
@@ -58,16 +57,12 @@ def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = (), the
     config = validate(kind.Config, data, str(file), sources)
     judge(config, str(file), sources)
     for name, team in config.teams.items():
-        try:
+        with named(f"{sources.get(f'{name}.vehicle', file)}: {name}.", ConfigError):
             vehicle_file(team, file)
-        except ConfigError as error:
-            raise ConfigError(f"{sources.get(f'{name}.vehicle', file)}: {name}.{error}") from None
     _check_teams(kind, config, str(file), [file.parent], sources)
     for name, stage in config.stages.items():
-        try:
+        with named(f"{file}: ", ConfigError):
             changed = at_stage(config, name)
-        except ConfigError as error:
-            raise ConfigError(f"{file}: {error}") from None
         if stage.set:
             _check_teams(kind, changed, f"{file}: stages.{name}.set", [file.parent], {})
     return config

@@ -18,6 +18,7 @@ from taichi_sim.config.files import resolve_files
 from taichi_sim.config.sea import is_measured
 from taichi_sim.config.vary import CONDITIONS, FIXED_BY, flattened, with_range
 from taichi_sim.config.world import TeamConfig, WorldConfig
+from taichi_sim.errors import named
 
 Model = TypeVar("Model", bound=Strict)
 DEEPEST = 20  # levels of tables in a file; ours have 5
@@ -61,10 +62,8 @@ def load_world(path: str | Path = "paper", overrides: Iterable[str] = ()) -> Wor
         kept[name] = _known(team, set(TeamConfig.model_fields), str(file), sources, f"{name}.")
     config = validate(WorldConfig, kept, str(file), sources)
     for name, team in config.teams.items():
-        try:
+        with named(f"{sources.get(f'{name}.vehicle', file)}: {name}.", ConfigError):
             vehicle_file(team, file)
-        except ConfigError as error:
-            raise ConfigError(f"{sources.get(f'{name}.vehicle', file)}: {name}.{error}") from None
     return config
 
 

@@ -10,6 +10,7 @@ from taichi_sim.config.base import Table
 from taichi_sim.config.io import config_folder, read_toml, validate, vehicle_file
 from taichi_sim.config.plausible import judge
 from taichi_sim.config.plugins import is_plugin, load_class
+from taichi_sim.errors import named
 from taichi_sim.kernels import runtime
 from taichi_sim.models.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 from taichi_sim.models.uav.multirotor.multirotor_6dof import Multirotor6DOF
@@ -43,10 +44,8 @@ Changes: TypeAlias = dict[str, Any]
 def find_model(name: object, file: Path, source: Path | None = None) -> type[Vehicle]:
     """Class of the model that a vehicle file names. A user's class is searched beside the file and beside `source`."""
     if isinstance(name, str) and is_plugin(name):
-        try:
+        with named(f"{file}: model = ", ConfigError):
             return load_class(name, Vehicle, [f.parent for f in (file, source) if f is not None])
-        except ConfigError as error:
-            raise ConfigError(f"{file}: model = {error}") from None
     if not isinstance(name, str) or name not in MODELS:
         raise ConfigError(f"{file}: model = {name!r}: allowed are {', '.join(MODELS)}, and module:Class of your own")
     return MODELS[name]
@@ -115,9 +114,9 @@ def vehicle_files(file: Path, source: Path | None = None) -> list[Path]:
     """A vehicle file and the files that it names: everything needed to load it elsewhere."""
     data = read_toml(file)
     found = [file, *_resolve_files(data, find_model(data.get("model"), file, source).file_keys, file.parent)]
-    for named in found:
-        if not named.is_file():
-            raise ConfigError(f"{file}: {named.name!r} is not beside it")
+    for other in found:
+        if not other.is_file():
+            raise ConfigError(f"{file}: {other.name!r} is not beside it")
     return found
 
 

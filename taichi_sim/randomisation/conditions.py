@@ -30,6 +30,7 @@ from torch import Tensor
 from taichi_sim.config import ConfigError, CurrentConfig, SeaConfig, WorldConfig
 from taichi_sim.config.series import mean_of
 from taichi_sim.config.vary import CONDITIONS, SIZE
+from taichi_sim.errors import named
 from taichi_sim.kernels import runtime
 from taichi_sim.surroundings.air.wind import mean_wind
 from taichi_sim.surroundings.sea.measured import records_of
@@ -207,10 +208,8 @@ def _bounds(config: WorldConfig, key: str, nominal: float) -> tuple[float, float
     if key not in config.vary:
         return nominal, nominal
     given, (least, most) = config.vary[key], CONDITIONS[key]
-    try:
+    with named(f"vary.{key}: ", ConfigError, ValueError):
         low, high = given.ends(nominal)
-    except ValueError as error:
-        raise ConfigError(f"vary.{key}: {error}") from None
     if not least <= low <= high <= most:
         raise ConfigError(
             f"vary.{key} = {given}: goes from {low:g} to {high:g}, allowed are {least:g} to {most:g} "

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from taichi_sim.config import ConfigError, Range, WorldConfig
 from taichi_sim.config.plausible import judge
+from taichi_sim.errors import named
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 from taichi_sim.randomisation.conditions import TRUTH, Conditions, spread, varied
@@ -96,12 +97,10 @@ class NumberDraws(Remembers):
 def _held(fleet: Fleet, key: str, given: Range, variation: float) -> tuple[float, float]:
     """Ends of a range, moved to values that the vehicle file accepts."""
     place = f"{fleet.name}.vary.{key}"
-    try:
+    with named(f"{place} = {given}: ", ConfigError, ValueError):
         fleet.model.check_varies(key)
         nominal = fleet.model.nominal[key]
         ends = given.ends(nominal, variation)
-    except ValueError as error:
-        raise ConfigError(f"{place} = {given}: {error}") from None
     for end in ends:
         reason = fleet.refusal(key, end)
         if reason and variation <= 1.0:

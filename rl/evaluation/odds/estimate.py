@@ -33,6 +33,7 @@ from rl.mission import Mission
 from rl.runs import ranks
 from rl.runs.folder import RunError
 from rl.scenario import Scenario, derive_seed
+from taichi_sim.errors import named
 from taichi_sim.kernels import runtime
 from taichi_sim.state.memory import StateError
 
@@ -126,11 +127,9 @@ def check(question: Question) -> bool:
     half = SLOTS // 2
     sources, copies = torch.arange(half), half + torch.arange(half)
     with runtime.torch_at_rest():
-        try:
+        with named(f"{config.name}: ", RunError, StateError):
             mission.step(question.policies, begin=False, observe=())
             mission.put(mission.keep(sources), copies)
-        except StateError as error:
-            raise RunError(f"{config.name}: {error}") from None
         for _ in range(BRANCH):
             mission.step(question.policies, begin=False, observe=())
     branches = any(not torch.equal(each.fleet.state[:half], each.fleet.state[half:]) for each in mission.teams.values())

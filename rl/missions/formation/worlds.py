@@ -25,7 +25,7 @@ from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.slots import Drawn, draw_formations, offsets_of, unit_offsets
 from rl.scenario import derive_seed
 from taichi_sim.config import ConfigError
-from taichi_sim.errors import refuse
+from taichi_sim.errors import named, refuse
 from taichi_sim.kernels.conventions import DOWN, QUATERNION, STATE_SIZE, SURGE
 from taichi_sim.kernels.rotation import torch_heading, torch_quaternion_from_euler
 from taichi_sim.randomisation.conditions import nominal_conditions
@@ -418,10 +418,8 @@ def draw_traffic(
                 f"vehicles can go, {top:.3g} m/s: nobody could keep clear of it"
             )
     where = torch.cat([state[..., :2] for state in starts.states.values()], dim=2)
-    try:
+    with named(f"scenario {config.name!r}: ", ConfigError, ValueError):
         return traffic.draw(tracks, starts.progress, where, obstacles, generator)
-    except ValueError as error:
-        raise ConfigError(f"scenario {config.name!r}: {error}") from None
 
 
 def check_teams(config: FormationScenario, models: Mapping[str, Vehicle]) -> None:

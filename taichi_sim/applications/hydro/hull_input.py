@@ -13,6 +13,7 @@ from taichi_sim.applications.hydro.panelling import Z_UP, wetted
 from taichi_sim.applications.hydro.wetted_surface import WettedSurface, X, mirrored
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder, read_toml, validate, with_tuples
+from taichi_sim.errors import named
 from taichi_sim.kernels.conventions import RHO_SEA
 from taichi_sim.kernels.rigid_body import rigid_body_mass
 from taichi_sim.models.usv.hull.hydrostatic_stability import Hydrostatics
@@ -70,10 +71,8 @@ def of_vehicle(file: Path) -> tuple[FloatingHull, float]:
         if key not in data:
             raise ConfigError(f"{file}: {key} is missing")
     body = validate(RigidBody, data["rigid_body"], f"{file}: rigid_body")
-    try:
+    with named(f"{file}: hull: ", ConfigError, ValueError):
         shape = TypeAdapter(HullShape).validate_python(with_tuples(data["hull"]))
-    except ValueError as error:
-        raise ConfigError(f"{file}: hull: {error}") from None
     craft = FloatingHull(file.stem, mesh(shape), body.mass, tuple(body.cg), np.asarray(body.matrix, dtype=float))
     return craft, float(data["length"])
 

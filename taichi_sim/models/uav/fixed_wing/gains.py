@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from taichi_sim.config import ConfigError
+from taichi_sim.errors import named
 from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.models.uav.fixed_wing.airframe_arrays import lift_curve, stall_angles
 from taichi_sim.models.uav.fixed_wing.autopilot import AutopilotGains, AutopilotLimits, AutopilotParams
@@ -51,10 +52,8 @@ def speed_range(p: FixedWingParams, pilot: AutopilotParams) -> tuple[float, floa
             f"autopilot.min_airspeed = {least:g}: must lie between the stall at {stall:.3g} m/s and cruise at "
             f"{cruise:g} m/s"
         )
-    try:
+    with named(f"autopilot.min_airspeed = {least:g}: ", ConfigError, TrimError):
         trim(p, least)
-    except TrimError as error:
-        raise ConfigError(f"autopilot.min_airspeed = {least:g}: {error}") from None
     return least, cruise, _largest(lambda V: trim(p, V), cruise, p.envelope.max_airspeed)
 
 

@@ -39,6 +39,7 @@ from taichi.lang.argpack import ArgPack
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
+from taichi_sim.errors import named
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken2
@@ -125,10 +126,8 @@ class Hull6Dof(Vessel):
         self.gauge = self.geometry.gauge
         self._check_sizes()
         if self.by_panels:
-            try:
+            with named("hull: ", ConfigError, ValueError):
                 check_floats(self.geometry.hydrostatics)
-            except ValueError as error:
-                raise ConfigError(f"hull: {error}") from None
         if params.mmg is None:
             self.thrusters, self.drive = ThrusterSet(params, dt, motion.CONTROLS), thruster_set
         else:
