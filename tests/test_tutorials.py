@@ -13,7 +13,7 @@ PAGES = ROOT / "docs" / "tutorials"
 FILE = re.compile(r"^```\w+ file=(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 COMMANDS = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LISTING = re.compile(r"python (\S+\.py)\n")
-LESSONS = ("sea", "boat", "mission", "policy", "report")
+LESSONS = ("sea", "boat", "mission", "policy", "report", "reward")
 
 
 def lesson(folder: Path, name: str) -> str:
@@ -66,3 +66,13 @@ def test_a_policy_and_its_report(tmp_path):
     assert number(r"calm .* distance (\S+) m", report) < 1.0
     assert number(r"rough .* distance (\S+) m", report) < 2.0
     assert (tmp_path / "worst.rrd").is_file() and (tmp_path / "runs" / "buoy" / "report.html").is_file()
+
+
+@pytest.mark.slow
+def test_a_reward_of_ones_own(tmp_path):
+    """In a folder with a space in its name."""
+    (folder := tmp_path / "my lessons").mkdir()
+    told = lesson(folder, "reward")
+    assert "weight 0.3, scale 0.2: -(turn rate / scale)^2, rad/s: boats that turn gently" in told
+    assert "A: runs/gentle" in told and "| `team_error_m` | " in told
+    assert (folder / "runs" / "gentle" / "figures" / "terms.png").is_file()
