@@ -247,6 +247,8 @@ def one_episode_each(
     chunk = kind.one_each(config, min(episodes, CHUNK))
     mission = kind(chunk, episodes, seed=derive_seed(seed, "evaluation", first), teams=teams, source=source)
     mission.begin_each()
+    for team in mission.teams.values():
+        team.check()
     return mission
 
 

@@ -219,3 +219,11 @@ def test_terms_of_a_team_that_sums_its_own_are_refused(made):
         made("usv.terms.fine.weight=2.0", mission="mine:Summed")
     with pytest.raises(ConfigError, match=r"usv\.terms: no policy acts for this team"):
         load_scenario("landing", ["usv.terms.fine.weight=2.0"])
+
+
+def test_an_evaluation_refuses_them_too(folder):
+    from rl.evaluation.episodes import one_episode_each
+
+    config = load_scenario("paper", [*FEW, "usv.observe.without=['rol']"])
+    with pytest.raises(ConfigError, match=r"usv\.observe\.without: there is no 'rol'"):
+        one_episode_each(config, ("usv",), 2, 1, None)
