@@ -211,7 +211,7 @@ def test_a_boat_that_falls_silent_stops_the_copter_in_the_air(silent):
         (("cruise", "--team", "usv", "--set", "usv.count=1", "--disarm"), ("--disarm", "landings")),
         (
             ("cruise", "--team", "usv", "--set", "usv.count=1", "--follow", "udp:127.0.0.1:{}"),
-            ("--follow", "follows nobody"),
+            ("--follow", "follows none"),
         ),
         (("landing", "--follow", "udp:127.0.0.1:{}", "--heading", "90"), ("--heading", "no course")),
         (("landing", "--follow", "udp:127.0.0.1"), ("connection udp:127.0.0.1", "expected")),
