@@ -24,7 +24,7 @@ from scipy.optimize import brentq
 
 from taichi_sim.applications.fit.estimate import fit
 from taichi_sim.applications.fit.log import read_log
-from taichi_sim.applications.fit.synthetic_logs import write_logs
+from taichi_sim.applications.fit.synthetic_logs import INTERVAL, write_logs
 from taichi_sim.applications.hydro.hull_input import of_vehicle
 from taichi_sim.applications.trials import ship
 from taichi_sim.applications.trials.basin import Setting
@@ -41,7 +41,11 @@ Array = NDArray[np.float64]
 AIM = 0.25  # of each figure
 FLIPPED = np.array([1.0, -1.0, -1.0])  # from b to the frame of meshes: y to port, z up
 HELM, HEADING = 20.0, 20.0  # deg, of the zigzag
-LOG, SEED = 600.0, 3  # s, and the seed of its commands and errors
+SEED = 3  # of the log's errors
+LEGS = [  # of half of the log: seconds, ahead, helm
+    (20, 1, 0), (25, 1, 0.3), (30, 1, 1), (15, 1, 0), (30, 1, -1), (15, 1, 0), (20, 1, -0.4),
+    *5 * [(6, 1, 0.6), (6, 1, -0.6)], (15, -0.5, 0), (15, 0, 0.8), (15, 0, -0.8), (20, 0, 0),
+]  # straight runs, turning circles, a zigzag, astern, on the spot
 PRIORS = {  # of the fit: surge, and what turns the boat; two propellers tell little of sway
     "hydrodynamics.linear.0": 0.4, "hydrodynamics.added_mass.5": 0.4, CROSS_FLOW: 0.8, LIFT[3]: 0.8,
     "thrusters.lag": 0.4,
@@ -257,7 +261,9 @@ def ten_minutes(folder: Path) -> tuple[Figures, list[str]]:
 
     boat = BOATS[0]
     file = make(boat, folder)
-    (log,) = write_logs(boat.truth, {}, folder, count=1, seconds=LOG, seed=SEED)
+    legs = [(seconds, share * ahead, helm) for share in (1.0, 0.5) for seconds, ahead, helm in LEGS]
+    commands = np.concatenate([np.tile(leg[1:], (round(leg[0] / INTERVAL), 1)) for leg in legs])
+    (log,) = write_logs(boat.truth, {}, folder, count=1, seed=SEED, commands=commands)
     model, out = load_vehicle(file), folder / "otter_fitted.toml"
     logs = [read_log(log, model)]
     found = fit(str(file), logs, PRIORS, starts=1)

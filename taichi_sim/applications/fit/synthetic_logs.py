@@ -18,12 +18,15 @@ CURRENT = 0.3  # m/s, largest current; assumed
 
 def write_logs(
     vehicle: str, factors: Mapping[str, float], folder: Path, *, count: int = 10, seconds: float = 60.0, seed: int = 0,
-    changes: Mapping | None = None,
+    changes: Mapping | None = None, commands: np.ndarray | None = None,
 ) -> list[Path]:  # fmt: skip
     """Write `count` logs of a vehicle file whose numbers are multiplied by `factors`; return their paths.
 
-    `changes` are changed keys of the file (load_vehicle).
+    `changes` are changed keys of the file (load_vehicle). All logs take the `commands` [sample, action] every INTERVAL,
+    by default random ones for `seconds`.
     """
+    if commands is not None:
+        seconds = len(commands) * INTERVAL
     rng, simulator = np.random.default_rng(seed), WindowSimulator(vehicle, tuple(factors), INTERVAL, changes)
     names, steps, lead = simulator.model.action_names, round(seconds / INTERVAL), lead_steps(INTERVAL)
     windows = []
@@ -34,6 +37,8 @@ def write_logs(
             n = round(rng.uniform(*HELD) / INTERVAL)
             actions[k : k + n] = rng.uniform(-1.0, 1.0, len(names))
             k += n
+        if commands is not None:
+            actions[:lead], actions[lead:] = commands[0], commands
         windows.append(Window(log, np.zeros((lead + steps + 1, 4)), actions))
     way, speed = rng.uniform(0, 2 * np.pi, count), rng.uniform(0, CURRENT, count)
     state = np.zeros((count, 6))
