@@ -10,6 +10,7 @@ from rl.guidance.course.route import Route, laid, read_route
 from rl.missions import load_scenario
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.mission import Formation
+from rl.missions.formation.worlds import generate_worlds
 from taichi_sim.config import ConfigError
 
 RADIUS = 12.0  # m
@@ -132,6 +133,23 @@ def test_a_formation_follows_a_route(tmp_path):
     mission.begin_each()
     off = mission.teams["usv"].target.position[:, :2]
     assert ((off[:, None] - mission.tracks.table[0, :, :2]).norm(dim=-1).amin(1) < 1.0).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "height", "taken"), [("otter", 0.0, True), ("cruise", 0.0, False), ("cruise", None, True)]
+)
+def test_only_aircraft_that_act_mind_the_altitudes_of_a_route(name, height, taken, tmp_path):
+    file = tmp_path / "own.plan"
+    items = [item(*p, height=height if k else 100.0) for k, p in enumerate(3 * SURVEY)]  # one at the flight height
+    file.write_text(plan(items))
+    few = ("track.worlds=2", "obstacles.count=0", "track.min_radius=20", "area=2000", "track.flight_height=100")
+    config = load_scenario(name, overrides=[f"track.file={file}", *few])
+    assert isinstance(config, FormationScenario)
+    if taken:
+        generate_worlds(config, 0)
+    else:
+        with pytest.raises(ConfigError, match="altitudes are 0 to 100"):
+            generate_worlds(config, 0)
 
 
 @pytest.mark.parametrize(

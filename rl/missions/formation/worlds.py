@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -351,8 +352,9 @@ def _route(config: FormationScenario, file: Path) -> Tracks:
     route, track = read_route(file), config.track
     tracks, height = laid(route, file, track.min_radius, track.worlds), track.flight_height
     room = 2 * float(tracks.table[0, :, :2].abs().max()) + 2 * EDGE
-    aloft = any(team.medium == "air" for team in config.formations.values())
-    low, high = route.height.min(), route.height.max()  # NaN where the file gives none
+    aloft = any(config.formations[name].medium == "air" for name in config.acting)
+    heights = route.height[np.isfinite(route.height)]
+    low, high = (heights.min(), heights.max()) if len(heights) else (height, height)
     refuse(
         ConfigError,
         (room > config.area, f"area = {config.area:g}: track.file, with {EDGE:g} m around it, needs {room:.5g}"),
