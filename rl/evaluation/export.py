@@ -97,10 +97,10 @@ class Chunk:
         for name, judge in judges.items():
             fleet, envs = self.mission.teams[name].fleet, np.flatnonzero(~judge.failed)
             motion = torch.cat((fleet.position_n, fleet.euler, fleet.velocity_b, fleet.angular_velocity_b), -1)
-            labels = [*MOTION, *(f"action {key}" for key in fleet.model.action_names), *judge.series()]
-            values = (*motion.unbind(-1), *self.mission.teams[name].action.unbind(-1), *judge.series().values())
-            count = len(envs) * fleet.count
-            ended = np.full(len(envs) * fleet.count, None)
+            series, count = judge.series(), len(envs) * fleet.count
+            labels = [*MOTION, *(f"action {key}" for key in fleet.model.action_names), *series]
+            values = (*motion.unbind(-1), *self.mission.teams[name].action.unbind(-1), *series.values())
+            ended = np.full(count, None)
             for why, flags in step.endings[name].items():
                 ended[flags.cpu().numpy()[envs].ravel()] = why
             self.export.add({
