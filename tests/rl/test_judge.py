@@ -31,6 +31,8 @@ CONFIG = SimpleNamespace(
 def judged(patch: pytest.MonkeyPatch, kind: type[Judge], collides_at: int, lost_at: int) -> dict:
     """Figures of three environments: vehicle 0 of the second collides, vehicle 1 of the third is lost."""
     team = SimpleNamespace(fleet=SimpleNamespace(count=VEHICLES), distance=DISTANCE, sensor=SimpleNamespace(gap=GAP))
+    team.now = SimpleNamespace(error=DISTANCE.unsqueeze(-1) * torch.tensor([0.6, 0.8, 0.0]))  # north-east
+    team.target = SimpleNamespace(cos=torch.zeros(ENVS, 1), sin=torch.ones(ENVS, 1))  # goes east
     team.action = ACTIONS[0]
     clearance = iter(SLOT_CLEARANCE)
     mission = SimpleNamespace(num_envs=ENVS, teams={"boats": team}, config=CONFIG)
@@ -73,6 +75,7 @@ def test_errors_of_a_formation_count_after_the_start_has_settled(monkeypatch):
     figures = judged(monkeypatch, FormationJudge, 4, 7)
     assert set(figures) == set(FormationJudge.definitions)
     assert figures["leader_error_rms_m"] == pytest.approx(((5 * 9.0 + 2 * 4.0) / 7) ** 0.5)
+    assert figures["cross_track_rms_m"] == pytest.approx(0.6 * figures["leader_error_rms_m"])
     assert figures["follower_error_rms_m"] == pytest.approx(((5 * 16.0 + 2 * 0.25) / 7) ** 0.5)
     assert figures["least_gap_m"] == pytest.approx((8.0 + 2.0) / 2)  # the second ended before it was measured
     assert figures["success_rate"] == pytest.approx(1 / 3)

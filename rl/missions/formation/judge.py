@@ -34,6 +34,7 @@ class FormationJudge(ErrorJudge[Judged, FormationScenario]):
     definitions = {
         "leader_error_rms_m": "root mean square distance of the leader from its target, over time and episodes",
         "leader_error_p95_m": "95th percentile of the same distance",
+        "cross_track_rms_m": "root mean square distance of the leader from its track, at the target's course",
         "follower_error_rms_m": "root mean square distance of followers from their slots (null without followers)",
         "follower_error_p95_m": "95th percentile of the same distance",
         **TEAM_ERROR,
@@ -52,6 +53,7 @@ class FormationJudge(ErrorJudge[Judged, FormationScenario]):
         """Measure `team`."""
         super().__init__(mission, team)
         self.gap = np.full(len(self.failed), np.inf)
+        self.across = np.full(self.errors.shape[:2], np.nan)  # cross-track error of the leader [step, env], m
         self.evasions = np.zeros(len(self.failed))
         self._blocked = self._blocked_now()
 
@@ -72,12 +74,19 @@ class FormationJudge(ErrorJudge[Judged, FormationScenario]):
         alive, config, team = ~self.failed, self.mission.config, self.team
         if number * config.decision_interval > config.evaluation.settle:
             self.errors[number - 1, alive] = team.distance.cpu().numpy()[alive]
+            self.across[number - 1, alive] = self._across().double().cpu().numpy()[alive]
             gap = team.sensor.gap.amin(dim=1).double().cpu().numpy()
             self.gap[alive] = np.fmin(self.gap, gap)[alive]
         blocked = self._blocked_now()
         self.evasions[alive] += (blocked & ~self._blocked).sum(axis=1)[alive]
         self._blocked = blocked
         super().see(step, number)
+
+    def _across(self) -> Tensor:
+        """The leader's error across its track [env], m."""
+        team = self.team
+        north, east = team.now.error[:, 0, :2].unbind(-1)
+        return team.target.cos[:, 0] * east - team.target.sin[:, 0] * north
 
     def series(self) -> dict[str, Tensor]:
         """Distance from the slot and clearance."""
@@ -95,6 +104,7 @@ class FormationJudge(ErrorJudge[Judged, FormationScenario]):
         gap = np.concatenate([j.gap for j in seen])
         return super().episodes(seen, config) | {
             "succeeded": success.astype(float),
+            "across_error_rms_m": rms_of(np.concatenate([j.across for j in seen], axis=1), (0,)),
             "least_gap_m": np.where(np.isfinite(gap), gap, np.nan),
             "evasions": np.concatenate([j.evasions for j in seen]),
             "vehicle_hours": np.concatenate([j.measured * j.collided.shape[1] for j in seen])
@@ -106,8 +116,10 @@ class FormationJudge(ErrorJudge[Judged, FormationScenario]):
         """Compute the figures of sets of episodes; errors are root mean squares, weighted by time."""
         common = super().pooled(episodes)
         errors = {f"{who}_error_rms_m": over_time(episodes, who) for who in ("leader", "follower")}
+        across = episodes.get("across_error_rms_m", np.full(episodes["leader_s"].shape, np.nan))  # None stored before
         return {
             **errors,
+            "cross_track_rms_m": over_time({"x_s": episodes["leader_s"], "x_error_rms_m": across}, "x"),
             "team_error_m": team_error(episodes),
             "evasions_per_hour": episodes["evasions"].sum(-1) / np.maximum(episodes["vehicle_hours"].sum(-1), 1e-12),
             "least_gap_m": median_of(episodes["least_gap_m"]),
