@@ -44,6 +44,7 @@ from taichi_sim.kernels.random import Noise
 from taichi_sim.kernels.rotation import level_states
 from taichi_sim.state.divergence import Divergence
 from taichi_sim.state.snapshot import Stateful
+from taichi_sim.visualisation.recording.east_north_up import Origin
 from taichi_sim.visualisation.recording.episode import Episode, Scene
 from taichi_sim.visualisation.recording.overlays import Overlay
 from taichi_sim.world import World
@@ -108,6 +109,7 @@ class Mission(Stateful, ABC, Generic[C, T]):
         config: the scenario. world: the simulated world. teams: name -> Team, of the teams that take part.
         steps: int64 [env], decisions since the episode began. generator: source of all random draws of episodes.
         noise: counter of the random numbers of sensors and radio. due: environments of the phase that runs.
+        origin: where on the sea (0, 0) is, of a mission that has a place of its own.
         device: where tensors live.
     """
 
@@ -116,6 +118,7 @@ class Mission(Stateful, ABC, Generic[C, T]):
     Teams: ClassVar[Mapping[str, Callable[..., _Team]]] = MappingProxyType({})
     Judge: ClassVar[type[_Judge]] = Judge
     make_world: ClassVar[Callable[..., World]] = World
+    origin: Origin | None = None
 
     @runtime.torch_at_rest()
     def __init__(
@@ -285,6 +288,9 @@ class Mission(Stateful, ABC, Generic[C, T]):
         Default: there is none. North is north then, and heights are above that of the last vehicle that is followed.
         """
         return None
+
+    def join(self, team: T, place: Tensor) -> None:
+        """Let the course of `team` begin where it is nearest to `place` [2] (m), of a mission with an `origin`."""
 
     def followed(self, team: T) -> Mapping[str, float]:
         """Other teams of which a companion of `team` must know each vehicle by telemetry, one for each of `team`; from

@@ -101,6 +101,8 @@ def serve(args: argparse.Namespace) -> None:
             closing(Station(world, places, decks, address=args.address, timeout=args.timeout, tell=tell))
         )
         mission.measure_anew()
+        if mission.origin is not None:
+            tell("the route is where its file says, for autopilots with home {:.7f},{:.7f}".format(*mission.origin))
         live = open_things.enter_context(Live("sitl", port=args.live_port)) if args.live else None
         if live is not None:
             tell(live.told)

@@ -170,6 +170,20 @@ def test_actions_without_set_points_are_refused_by_name():
 # -- on the sea --------------------------------------------------------------------------------------------------------
 
 
+def test_a_boat_follows_a_route_where_its_file_says(tmp_path):
+    """It begins beside the middle of a leg, 3 m off, and goes on along that leg, where it lies on the sea."""
+    corners = np.array([(0.0, -30.0), (200.0, -30.0), (200.0, 60.0), (0.0, 60.0)])  # north, east of the fjord, m
+    places = [geodetic(np.array((east, north, 0.0)), FJORD) for north, east in corners]
+    file = tmp_path / "route.csv"
+    file.write_text("latitude,longitude\n" + "".join(f"{p[0]:.9f},{p[1]:.9f}\n" for p in places))
+    mission = piloted("otter", "usv.count=1", f"track.file={file}", "track.min_radius=15")
+    fleet = Fleet(mission, Flotilla(1), lambda team: torch.zeros(1, 1, 2))
+    fleet.begin(GUIDED, starts=[(80.0, -27.0, 0.0)]).run(40.0)
+    assert fleet.pilot.ended is None and any("along the route about 63.48" in line for line in fleet.news)
+    north, east = fleet.boats.motion()[0][0][:2]
+    assert abs(east + 30.0) < 1.0 and 80.0 + 30 * 1.5 < north < 80.0 + 41 * 1.5
+
+
 def test_three_boats_hold_their_formation_in_manual(sticks):
     sticks.begin(MANUAL).run(16.0)
     assert sticks.pilot.ended is None and sticks.pilot.decisions >= 75

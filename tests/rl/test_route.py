@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from rl.guidance.course.route import Route, laid, read_route
+from rl.guidance.course.route import Fence, Route, laid, read_route
 from rl.missions import load_scenario
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.mission import Formation
@@ -42,8 +42,9 @@ def test_a_track_is_legs_and_arcs_that_meet_smoothly(points, tmp_path):
     assert (tracks.table[0] == tracks.table[2]).all()
 
 
-def plan(items: list[dict], home: tuple[float, float] = HOME) -> str:
-    return json.dumps({"fileType": "Plan", "mission": {"items": items, "plannedHomePosition": [*home, 0.0]}})
+def plan(items: list[dict], home: tuple[float, float] = HOME, **fences: list[dict]) -> str:
+    mission = {"items": items, "plannedHomePosition": [*home, 0.0]}
+    return json.dumps({"fileType": "Plan", "geoFence": fences, "mission": mission})
 
 
 def item(north: float, east: float, command: int = 16, frame: int = 3, height: float | None = 60.0) -> dict:
@@ -163,3 +164,51 @@ def test_a_route_that_does_not_fit_is_refused(changed, words, tmp_path):
     with pytest.raises(ConfigError) as error:
         Formation(scenario(tmp_path, *changed), 2, seed=0, teams=("usv",))
     assert all(word in str(error.value) for word in words), str(error.value)
+
+
+# -- geofences -----------------------------------------------------------------------------------------------------
+
+
+def fence(corners, inclusion: bool = True) -> dict:
+    return {"polygon": [item(*p)["params"][4:6] for p in corners], "inclusion": inclusion, "version": 1}
+
+
+def circle(north: float, east: float, radius: float, inclusion: bool) -> dict:
+    return {"circle": {"center": item(north, east)["params"][4:6], "radius": radius}, "inclusion": inclusion}
+
+
+AROUND = [(-60, -140), (420, -140), (420, 180), (-60, 180)]  # of the survey, north, east, m
+
+
+def test_the_clearance_of_a_fence_is_the_distance_to_its_nearest_side_or_corner():
+    """Of an L, whose inner corner is at (2, 2)."""
+    corners = torch.tensor([(0.0, 0.0), (6.0, 0.0), (6.0, 2.0), (2.0, 2.0), (2.0, 6.0), (0.0, 6.0)])
+    place = torch.tensor([(1.0, 1.0), (5.5, 1.0), (3.0, 4.0), (1.0, 5.8), (-3.0, -4.0), (1.8, 1.8), (7.0, 1.0)])
+    away = torch.tensor([1.0, 0.5, -1.0, 0.2, -5.0, 0.2 * 2**0.5, -1.0])
+    for turned in (corners, corners.flip(0)):
+        torch.testing.assert_close(Fence(turned, True).clearance(place), away)
+        torch.testing.assert_close(Fence(turned, False).clearance(place), -away)
+
+
+def test_geofences_of_a_plan_are_limits(tmp_path):
+    """A boat that is put past a fence has left the area, one inside has not; so near an excluded circle."""
+    text = plan(survey(), polygons=[fence(AROUND)], circles=[circle(150, 30, 20, False)])
+    (tmp_path / "fenced.plan").write_text(text)
+    config = scenario(tmp_path, f"track.file={tmp_path / 'fenced.plan'}", "usv.count=1", "usv.lost_distance=1000")
+    mission = Formation(config, 4, seed=0, teams=("usv",))
+    middle = (SURVEY.min(0) + SURVEY.max(0)) / 2
+    place = torch.tensor([(-55.0, 0.0), (-65.0, 0.0), (150.0, 8.0), (150.0, 12.0)]) - torch.tensor(middle).float()
+    mission.place("usv", torch.arange(4), place.unsqueeze(1), torch.zeros(4, 1))
+    mission.measure_anew()
+    assert mission.teams["usv"].endings()["left"].flatten().tolist() == [False, True, False, True]
+
+
+@pytest.mark.parametrize(
+    ("given", "which"),
+    [({"polygons": [fence(AROUND), fence([(p[0] / 2, p[1]) for p in AROUND])]}, "geofence 2"),
+     ({"polygons": [fence(AROUND)], "circles": [circle(300, 30, 15, False)]}, "geofence 2")],
+)  # fmt: skip
+def test_a_track_that_crosses_a_geofence_is_refused(given, which, tmp_path):
+    (tmp_path / "fenced.plan").write_text(plan(survey(), **given))
+    with pytest.raises(ConfigError, match=f"fenced.plan: the track.*crosses {which}"):
+        Formation(scenario(tmp_path, f"track.file={tmp_path / 'fenced.plan'}"), 2, seed=0, teams=("usv",))

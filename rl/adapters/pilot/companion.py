@@ -314,8 +314,13 @@ class Companion:
         if laid is None:
             self._laid = LaidCourse(origin, 0.0, (0.0, 0.0), 0.0, level=self.heard[-1].last[0].altitude)
             return self.tell("acting")
+        afloat, own = self.team.fleet.model.medium == "water", self.mission.origin
+        if own is not None and self.origin is None and self.heading is None:  # the course is where it is
+            self._laid = LaidCourse(own, 0.0, (0.0, 0.0), 0.0, afloat=afloat)
+            begin = torch.from_numpy(self._laid.states(self.links[:1], now)[0, :2])
+            self.mission.join(self.team, begin.to(self.team.fleet.state))
+            return self.tell(f"acting: along the route about {own.latitude:.7f} {own.longitude:.7f}")
         place, course = laid
-        afloat = self.team.fleet.model.medium == "water"
         (north, east), chi = place[0].tolist(), float(course[0])
         self._laid = LaidCourse(origin, heading, (north, east), chi, afloat=afloat)
         toward, along = (math.degrees(angle) % 360.0 for angle in (heading, chi))

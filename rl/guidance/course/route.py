@@ -10,13 +10,14 @@ Formats: MAVLink's commands and frames (mavlink.io, common), QGroundControl's pl
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from rl.guidance.course.tracks import Tracks
 from taichi_sim.config import ConfigError
@@ -33,7 +34,29 @@ SAME = 0.5  # m, between waypoints that are one; assumed
 SHARPEST = 175.0  # deg, turn at a waypoint; assumed
 PER_RADIUS, SAMPLES = 8, (1024, 32768)  # samples of a track: of a radius; bounds
 
+AROUND = 64  # corners of the polygon in place of a circle
+
 Array = NDArray[np.float64]
+GeoFence = tuple[Sequence[Sequence[float]], float, bool]
+"""Corners (latitude, longitude, deg), or the middle of a circle; its radius (m), 0 of a polygon; whether inside."""
+
+
+class Fence(NamedTuple):
+    """A geofence: a polygon that vehicles must not leave, or must not enter."""
+
+    corners: Tensor  # [n, 2] north, east, m
+    inside: bool  # vehicles stay inside
+
+    def clearance(self, place: Tensor) -> Tensor:
+        """Distance [..] (m) of a `place` [.., 2] to the fence, negative where it must not be."""
+        ahead = self.corners.roll(-1, 0)
+        edge, off, on = ahead - self.corners, place.unsqueeze(-2) - self.corners, place.unsqueeze(-2)
+        share = ((off * edge).sum(-1) / edge.square().sum(-1).clamp(min=SAME**2)).clamp(0.0, 1.0)
+        away = (off - share.unsqueeze(-1) * edge).norm(dim=-1).amin(-1)
+        beside = (self.corners[:, 1] > on[..., 1]) != (ahead[:, 1] > on[..., 1])  # edges that its meridian crosses
+        north = off[..., 0] * edge[:, 1] < edge[:, 0] * off[..., 1]
+        within = (beside & (north == (edge[:, 1] > 0))).sum(-1) % 2 == 1
+        return torch.where(within == self.inside, away, -away)
 
 
 class Route(NamedTuple):
@@ -42,6 +65,7 @@ class Route(NamedTuple):
     place: Array  # [n, 2] north, east, m
     height: Array  # [n] m, NaN where none is given
     origin: Origin | None  # of (0, 0); None where the file has metres
+    fences: tuple[Fence, ...] = ()
 
 
 class Waypoint(NamedTuple):
@@ -120,13 +144,16 @@ def _arc(length: Array, heading: Array, curvature: Array) -> NDArray[np.complex1
     return np.asarray(length * np.sinc(turn / (2 * np.pi)) * np.exp(1j * (heading + turn / 2)), np.complex128)
 
 
-def _of_plan(text: str) -> tuple[list[Waypoint], Origin]:
-    """Commands of a plan of QGroundControl, and its home."""
-    mission = json.loads(text)["mission"]
+def _of_plan(text: str) -> tuple[list[Waypoint], Origin, list[GeoFence]]:
+    """Commands of a plan of QGroundControl, its home, and its geofences."""
+    plan = json.loads(text)
+    mission, fence = plan["mission"], plan.get("geoFence", {})
     simple = list(_simple(mission["items"]))
     places = [[math.nan if x is None else float(x) for x in one["params"][4:7]] for one in simple]
     commands = [Waypoint(k + 1, one["command"], one["frame"], *places[k]) for k, one in enumerate(simple)]
-    return commands, Origin(*map(float, mission["plannedHomePosition"][:2]))
+    fences = [(x["polygon"], 0.0, x["inclusion"]) for x in fence.get("polygons", ())]
+    fences += [([x["circle"]["center"]], x["circle"]["radius"], x["inclusion"]) for x in fence.get("circles", ())]
+    return commands, Origin(*map(float, mission["plannedHomePosition"][:2])), fences
 
 
 def _simple(items: list[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
@@ -148,8 +175,8 @@ def _of_waypoints(text: str) -> tuple[list[Waypoint], Origin]:
     return rest, Origin(home.latitude, home.longitude)
 
 
-def _flown(commands: list[Waypoint], home: Origin) -> Route:
-    """The route of a mission: its waypoints up to a return or a landing."""
+def _flown(commands: list[Waypoint], home: Origin, fences: Sequence[GeoFence] = ()) -> Route:
+    """The route of a mission: its waypoints up to a return or a landing, and its geofences."""
     end = next((k for k, one in enumerate(commands) if one.command in ENDS), len(commands))
     told = [one for one in commands[:end] if one.command not in (TAKEOFF, VTOL_TAKEOFF)]
     found = [one for one in told if one.command in (WAYPOINT, SPLINE)]
@@ -181,7 +208,18 @@ def _flown(commands: list[Waypoint], home: Origin) -> Route:
             "the plan is of another place",
         ),
     )
-    return route
+    return route._replace(fences=tuple(_fenced(fence, route.origin) for fence in fences))
+
+
+def _fenced(fence: GeoFence, origin: Origin) -> Fence:
+    """A geofence about `origin`; circles become polygons of the same area."""
+    places, radius, inside = fence
+    corners = from_geodetic(np.array([(*place, 0.0) for place in places], float), origin)[:, 1::-1]
+    if radius:
+        angle = 2 * np.pi * np.arange(AROUND) / AROUND
+        radius *= math.sqrt(2 * np.pi / AROUND / math.sin(2 * np.pi / AROUND))
+        corners = corners + radius * np.stack((np.cos(angle), np.sin(angle)), axis=-1)
+    return Fence(torch.from_numpy(corners.copy()).float(), inside)
 
 
 def _of_table(path: Path) -> Route:

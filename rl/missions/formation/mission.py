@@ -21,7 +21,7 @@ from rl.missions.formation.worlds import PER_WORLD, check_teams, draw_starts, dr
 from rl.perception.radio import RadioConfig
 from rl.perception.tracked_objects import SensorsConfig
 from rl.planning.planner import write_obstacles_as_bodies
-from rl.step import Due
+from rl.step import BEGINS, Due
 from taichi_sim.config import AirConfig, SeaConfig
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.conventions import DOWN
@@ -38,7 +38,8 @@ class Formation(Mission[FormationScenario, TeamTask]):
     Attributes:
         tracks, obstacles, starts: of every world; obstacles [world, n, 4] north, east, radius, height, m.
         bodies: moving obstacles (rl/guidance/course/obstacles.py).
-        env_world: int64 [env], world of each environment. targets: of the leaders, by their pace.
+        fences: geofences of the route, if it has some. env_world: int64 [env], world of each environment.
+        targets: of the leaders, by their pace.
         wind_factor: mean wind at the flight height over that at 10 m.
     """
 
@@ -52,7 +53,9 @@ class Formation(Mission[FormationScenario, TeamTask]):
         self.wind_factor = self.world.wind.speed_factor(config.track.flight_height)
         models = {name: self.world.teams[name].model for name in names}
         check_teams(config, models)
-        self.tracks, generated = generate_worlds(config, self.seed)
+        self.tracks, generated, route = generate_worlds(config, self.seed)
+        self.origin, fences = (route.origin, route.fences) if route else (None, ())
+        self.fences = [fence._replace(corners=fence.corners.to(run.device, run.torch_dtype)) for fence in fences]
         fixed = torch.tensor([[o.north, o.east, o.radius, o.height] for o in config.obstacles.fixed]).reshape(-1, 4)
         both = torch.cat((generated, fixed.expand(self.tracks.worlds, -1, 4)), dim=1)
         starts = draw_starts(config, self.tracks, both, models, self.generator)
@@ -138,6 +141,14 @@ class Formation(Mission[FormationScenario, TeamTask]):
     def course(self, team: TeamTask) -> tuple[Tensor, Tensor]:
         """The target of its leader, and the track's course there."""
         return team.target.position[:, :2], team.target.course[:, 0]
+
+    def join(self, team: TeamTask, place: Tensor) -> None:
+        """Put the target where the track is nearest to `place`."""
+        world = int(self.env_world[0])
+        nearest = (self.tracks.table[world, :, :2] - place).norm(dim=-1).argmin()
+        team.targets.progress[:] = nearest * self.tracks.length_m[world] / self.tracks.samples
+        self._all_are(BEGINS)
+        team.targets.move(self.due)
 
     def frame(self, env: int) -> Frame:
         """Targets, slots and errors of the teams, slots of vessels at mean sea level; traffic as cylinders."""

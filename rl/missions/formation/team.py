@@ -1,6 +1,6 @@
 """The teams of a formation: each holds formation behind a target that moves along a track."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 import torch
@@ -8,6 +8,7 @@ from torch import Tensor
 
 from rl.guidance.controllers import controller_of
 from rl.guidance.course.obstacles import Bodies
+from rl.guidance.course.route import Fence
 from rl.guidance.knowledge import Knowledge
 from rl.guidance.observations import MEANINGS, ObservationWriter, air_columns
 from rl.guidance.residual import ResidualTeam
@@ -34,6 +35,7 @@ class Course(Host, Protocol):
 
     obstacles: Tensor  # [world, n, 4] north, east, radius, height, m
     bodies: Bodies
+    fences: Sequence[Fence]
     env_world: Tensor  # int64 [env]
 
     @property
@@ -154,12 +156,11 @@ class TeamTask(ResidualTeam):
         return self.distance.square() + NEAR_COST * near + ENDED_COST * ended
 
     def margins(self) -> dict[str, Tensor]:
-        """To contact with an obstacle or a team mate, to being too far from the slot or out of the area, m."""
-        return {
-            "collided": self.sensor.gap,
-            "lost": self.section.lost_distance - self.distance,
-            "left": self.mission.config.area / 2 - self.now.reach,
-        }
+        """To contact with an obstacle or a team mate, to being lost, to the edge of the area or a geofence, m."""
+        left = self.mission.config.area / 2 - self.now.reach
+        for fence in self.mission.fences:
+            left = torch.minimum(left, fence.clearance(self.fleet.position_n[..., :2]))
+        return {"collided": self.sensor.gap, "lost": self.section.lost_distance - self.distance, "left": left}
 
     def log(self, ended: Endings) -> dict[str, Tensor]:
         """Errors now, collisions per hour of vehicle time, and vehicles lost in this step."""

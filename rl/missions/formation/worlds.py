@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 
 from rl.guidance.course.obstacles import HEIGHT_BAND_M, ROWS, Cylinder, Span, Traffic, generate_obstacles
-from rl.guidance.course.route import laid, read_route
+from rl.guidance.course.route import Route, laid, read_route
 from rl.guidance.course.tracks import Tracks, generate_tracks
 from rl.guidance.shapes import lane_half_width
 from rl.guidance.targets_and_errors import LEAST_SHARE, crab, strongest_wind
@@ -320,11 +320,19 @@ def _first_clear_pull(
     return best, any_clear
 
 
-def generate_worlds(config: FormationScenario, seed: int) -> tuple[Tracks, Tensor]:
-    """Tracks and generated obstacles [world, count, 4] of a scenario."""
+class Worlds(NamedTuple):
+    """A scenario's worlds, and the route that they have in common, if there is one."""
+
+    tracks: Tracks
+    obstacles: Tensor  # [world, count, 4] generated ones
+    route: Route | None
+
+
+def generate_worlds(config: FormationScenario, seed: int) -> Worlds:
+    """Tracks, generated obstacles and route of a scenario."""
     track, cylinders = config.track, config.obstacles
     _, widest = _half_widths(config)
-    tracks = _route(config, Path(track.file)) if track.file else None
+    tracks, route = _route(config, Path(track.file)) if track.file else (None, None)
     try:
         tracks = tracks or generate_tracks(
             track.worlds, derive_seed(seed, "tracks"), length_m=track.length, area_m=config.area,
@@ -344,17 +352,18 @@ def generate_worlds(config: FormationScenario, seed: int) -> tuple[Tracks, Tenso
             f"scenario {config.name!r}: the tracks (track.{of}, track.min_radius = {track.min_radius}, area = "
             f"{config.area}) or the obstacles do not fit: {error}"
         ) from None
-    return tracks, obstacles
+    return Worlds(tracks, obstacles, route)
 
 
-def _route(config: FormationScenario, file: Path) -> Tracks:
-    """The track of a file, in all worlds."""
+def _route(config: FormationScenario, file: Path) -> tuple[Tracks, Route]:
+    """The track of a file, in all worlds, and its route."""
     route, track = read_route(file), config.track
     tracks, height = laid(route, file, track.min_radius, track.worlds), track.flight_height
     room = 2 * float(tracks.table[0, :, :2].abs().max()) + 2 * EDGE
     aloft = any(config.formations[name].medium == "air" for name in config.acting)
     heights = route.height[np.isfinite(route.height)]
     low, high = (heights.min(), heights.max()) if len(heights) else (height, height)
+    crossed = [k for k, fence in enumerate(route.fences) if (fence.clearance(tracks.table[0, :, :2]) <= 0).any()]
     refuse(
         ConfigError,
         (room > config.area, f"area = {config.area:g}: track.file, with {EDGE:g} m around it, needs {room:.5g}"),
@@ -363,8 +372,10 @@ def _route(config: FormationScenario, file: Path) -> Tracks:
             f"{file}: its altitudes are {low:g} to {high:g} m, track.flight_height is {height:g} m: aircraft hold one "
             "height; give the route one, or none, or the same as track.flight_height",
         ),
-    )
-    return tracks
+        (crossed, f"{file}: the track, which leads from the last waypoint back to the first, crosses geofence "
+                  f"{crossed and crossed[0] + 1}, polygons first"),
+    )  # fmt: skip
+    return tracks, route
 
 
 def traffic_of(config: FormationScenario, places: Mapping[str, Tensor], speed: float, length: float) -> Traffic:
