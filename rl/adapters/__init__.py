@@ -17,6 +17,8 @@ for _scenario, _team, _other in (
     ("escort", "usv", "absent"),  # scripted scouts replace the aircraft
     ("escort", "uav", "classical"),  # its reward depends on what boats do with the messages
     ("landing", "uav", "absent"),  # a helm holds the boat's course
+    ("station", "usv", "absent"),
+    ("route", "usv", "absent"),
 ):
     _name = f"{_team}_formation" if _scenario == "paper" else f"{_scenario}_{_team}"
     gymnasium.register(

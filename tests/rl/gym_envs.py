@@ -13,16 +13,22 @@ from gymnasium.utils.env_checker import check_env
 import rl.adapters.gymnasium  # noqa: F401  registers the environments
 
 IDS = ("taichi_sim/UsvFormation-v0", "taichi_sim/UavFormation-v0")
-MORE = tuple(f"taichi_sim/{name}-v0" for name in ("OtterUsv", "AerosondeUav", "EscortUsv", "EscortUav", "LandingUav"))
+MORE = tuple(
+    f"taichi_sim/{name}-v0"
+    for name in ("OtterUsv", "AerosondeUav", "EscortUsv", "EscortUav", "LandingUav", "StationUsv")
+)
 SMALL = ("track.worlds=4", "sea.realisations=4", "obstacles.count=4")
 SHORT = (*SMALL, "episode_duration=1.0")  # 10 decisions
 ESCORT = ("escort.worlds=8", "sea.realisations=4", "sea.components=6", "episode_duration=2.0")  # the same
 LANDING = ("sea.realisations=4", "sea.components=6", "episode_duration=1.0")  # 10 decisions
+STATION = ("sea.realisations=4", "sea.components=6", "episode_duration=2.0")
 REASONS = ("collided", "lost", "left")
 both = pytest.mark.parametrize("env_id", IDS)
 
 
 def short(env_id: str) -> tuple[str, ...]:
+    if "Station" in env_id:
+        return STATION
     return ESCORT if "Escort" in env_id else LANDING if "Landing" in env_id else SHORT
 
 

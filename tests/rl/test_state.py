@@ -31,6 +31,7 @@ SCENARIOS = {
         "landing.height=[2.0, 4.0]",
         "uav.pilot.kind=forecast",
     ),
+    "station": ("sea.realisations=4", "station.hold=2"),
     str(PLUGIN): (),
 }
 # What steps write anew before anybody reads it, and what is asked for again.

@@ -1,0 +1,1 @@
+"""Station keeping and docking of one boat."""
