@@ -77,7 +77,7 @@ class Station(Mission[StationScenario, Boat]):
         place[:, 2] = 0.0
         ((bearing, away),) = self.quay[env].tolist()
         c, s = math.cos(bearing), math.sin(bearing)
-        ends = [[[[away * c - t * s, away * s + t * c, 0.0] for t in (-QUAY, QUAY)]]]
+        ends = [[[[away * c - t * s, away * s + t * c, -1.0] for t in (-QUAY, QUAY)]]]
         quay = Lines(name="quay", colour=(160, 150, 140), points_n=torch.tensor(ends).numpy(), radius=-3.0)
         rows = {name: {"slot_n": place, "error_m": team.distance[env]} for name, team in self.teams.items()}
         return Frame(rows, (quay,))
