@@ -12,6 +12,7 @@ from rl.commands import main as command
 from rl.commands import starters
 from rl.missions import load_scenario
 from taichi_sim.config import ConfigError
+from taichi_sim.config.io import config_folder
 from taichi_sim.models.catalogue import load_vehicle
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -48,6 +49,12 @@ def test_starters_are_whole(tmp_path, monkeypatch, capsys):
     quay = load_scenario("quay.toml")
     assert quay.mission == "quay:Quay" and list(quay.teams) == ["boats"]
     assert not any(word in file.read_text() for file in tmp_path.iterdir() for word in ("ferr", "endezvous"))
+
+
+def test_a_copy_of_each_shipped_scenario_is_whole(tmp_path):
+    for file in config_folder().glob("*.toml"):
+        (copy,) = starters.new_scenario(f"own_{file.stem}", tmp_path, like=file.stem)
+        assert load_scenario(copy).mission == load_scenario(file).mission
 
 
 def test_starters_refuse_what_cannot_be_and_overwrite_nothing(tmp_path):

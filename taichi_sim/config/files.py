@@ -4,8 +4,8 @@
     sea.current.series, air.series  current and wind over time (series.py)
     track.file                      waypoints of a formation's track (rl/guidance/course/route.py)
 
-A path is relative to the folder of the scenario's file, or else to the working folder, like those of vehicles. Reading
-a scenario makes it absolute.
+A path is relative to the folder of the scenario's file, or else to the working folder, like those of vehicles, or else
+to that of the shipped scenarios. Reading a scenario makes it absolute.
 """
 
 import re
@@ -32,6 +32,13 @@ LETTERS = dict(zip("wdijk", KINDS, strict=True))
 OF_A_YEAR = re.compile(r"(\w{5})([wdijk])(\d.*\.txt(?:\.gz)?)")
 
 
+def config_folder() -> Path:
+    """Folder of the shipped configurations: beside the packages in a checkout, inside an installed package."""
+    here = Path(__file__).resolve().parent.parent
+    beside = here.parent / "configs"
+    return beside if (beside / "paper.toml").is_file() else here / "configs"
+
+
 def ndbc_set(path: Path) -> dict[str, Path]:
     """Existing files of the NDBC set that `path` belongs to, by kind of content; empty if it belongs to none."""
     if path.suffix in ENDINGS:
@@ -49,7 +56,8 @@ def resolve_files(data: Table, scenario_file: Path, sources: Mapping[str, str]) 
         value = holder[name]
         if not isinstance(value, str) or (key == "sea.spectrum" and (not is_measured(value) or not path_like(value))):
             continue
-        found = next((file for file in (scenario_file.parent / value, Path(value)) if file.is_file()), None)
+        folders = scenario_file.parent, Path(), config_folder()
+        found = next((file for folder in folders if (file := folder / value).is_file()), None)
         if found is None:
             raise ConfigError(
                 f"{source_of(shown, str(scenario_file), sources)}: {shown} = {value!r}: no such file, neither beside "

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 
 from taichi_sim.config.base import ConfigError, Strict, Table
 from taichi_sim.config.explain_errors import explain, nearly, source_of
-from taichi_sim.config.files import resolve_files
+from taichi_sim.config.files import config_folder, resolve_files
 from taichi_sim.config.sea import is_measured
 from taichi_sim.config.vary import CONDITIONS, FIXED_BY, flattened, with_range
 from taichi_sim.config.world import TeamConfig, WorldConfig
@@ -23,13 +23,6 @@ from taichi_sim.errors import named
 Model = TypeVar("Model", bound=Strict)
 DEEPEST = 20  # levels of tables in a file; ours have 5
 MEASURED = "sea.record"  # stands for a measured spectrum among the alternatives that define a sea
-
-
-def config_folder() -> Path:
-    """Folder of the shipped configurations: beside the packages in a checkout, inside an installed package."""
-    here = Path(__file__).resolve().parent.parent
-    beside = here.parent / "configs"
-    return beside if (beside / "paper.toml").is_file() else here / "configs"
 
 
 def find_config(path: str | Path) -> Path:
