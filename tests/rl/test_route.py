@@ -205,7 +205,8 @@ def test_geofences_of_a_plan_are_limits(tmp_path):
 
 @pytest.mark.parametrize(
     ("given", "which"),
-    [({"polygons": [fence(AROUND), fence([(p[0] / 2, p[1]) for p in AROUND])]}, "geofence 2"),
+    [({"polygon": fence([(p[0] / 2, p[1]) for p in AROUND])["polygon"]}, "geofence 1"),
+     ({"polygons": [fence(AROUND), fence([(p[0] / 2, p[1]) for p in AROUND])]}, "geofence 2"),
      ({"polygons": [fence(AROUND)], "circles": [circle(300, 30, 15, False)]}, "geofence 2")],
 )  # fmt: skip
 def test_a_track_that_crosses_a_geofence_is_refused(given, which, tmp_path):

@@ -152,6 +152,7 @@ def _of_plan(text: str) -> tuple[list[Waypoint], Origin, list[GeoFence]]:
     places = [[math.nan if x is None else float(x) for x in one["params"][4:7]] for one in simple]
     commands = [Waypoint(k + 1, one["command"], one["frame"], *places[k]) for k, one in enumerate(simple)]
     fences = [(x["polygon"], 0.0, x["inclusion"]) for x in fence.get("polygons", ())]
+    fences += [(fence["polygon"], 0.0, True)] if fence.get("polygon") else []  # of version 1 of the format
     fences += [([x["circle"]["center"]], x["circle"]["radius"], x["inclusion"]) for x in fence.get("circles", ())]
     return commands, Origin(*map(float, mission["plannedHomePosition"][:2])), fences
 
