@@ -15,6 +15,7 @@ from rl.missions import load_scenario, make_mission
 from rl.missions.station.judge import StationJudge
 from rl.missions.station.keeper import Craft
 from rl.missions.station.mission import Station
+from rl.planning.planner import PlanConfig, Planner
 from rl.team import ControllerError
 from taichi_sim.config import ConfigError
 from taichi_sim.models.catalogue import load_vehicle
@@ -95,6 +96,18 @@ def test_the_keepers_integral_carries_a_steady_load():
         mission.step({"usv": ClassicalPolicy()}, begin=False)
         off.append(float(team.distance.max()))
     assert max(off[250:500]) > 3 * max(off[-50:]) and max(off[-50:]) < 0.05
+
+
+def test_a_fork_goes_on_under_its_keeper():
+    mission = shared()
+    mission.reset()
+    for _ in range(5):
+        mission.step({"usv": ClassicalPolicy()}, begin=False)
+    fork = mission.fork(torch.arange(3))
+    seen = [each.step({"usv": ClassicalPolicy()}, begin=False).observations["usv"] for each in (mission, fork)]
+    assert torch.equal(*seen)
+    step = mission.step({"usv": Planner(PlanConfig(samples=4, horizon=2.0, every=1.0))}, begin=False)
+    assert bool(step.reward["usv"].isfinite().all())  # plans correct what the keeper wants
 
 
 def judged(off: np.ndarray, turn: np.ndarray, gap: np.ndarray, failed: np.ndarray):

@@ -19,6 +19,7 @@ from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.models.usv.manoeuvring_3dof import Manoeuvring3dof
+from taichi_sim.state.memory import Remembers
 from taichi_sim.vehicle import Vehicle
 
 
@@ -68,7 +69,7 @@ class Craft(NamedTuple):
         return cls((d.m11, d.m22, d.m33), (d.surge, d.sway, d.yaw), most, least) if pushes else None
 
 
-class Keeper:
+class Keeper(Remembers):
     """Keeps place and heading, or follows where they move."""
 
     Gains = KeeperGains

@@ -180,6 +180,10 @@ class Boat(Team[Course, StationTeam]):
             "previous_action": self.action,
         }
 
+    def planned(self, correction: Tensor, known: object = None) -> Tensor:
+        """Vehicle actions of the keeper, who always acts on what is known, corrected; see Team.planned."""
+        return super().planned(correction, self.known)
+
     def make_controller(self) -> Controller | None:
         """A keeper for a craft that pushes to any side; the vehicle's own for another, if it has one."""
         if Craft.of(self.fleet.model) is None:
