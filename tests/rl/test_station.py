@@ -138,6 +138,8 @@ def test_the_judge_counts_the_time_in_which_place_and_heading_are_kept():
     assert figures["heading_error_rms_deg"] == pytest.approx(
         math.sqrt((75 * 5.5**2 + (300 * 3 + 150 - 75) * 2.0**2) / 1050)
     )
+    nothing = {key: value[3:] for key, value in episodes.items()} | {"on": np.zeros(1)}
+    assert np.isnan(StationJudge.pooled(nothing)["error_rms_m"])
     assert episodes["error_rms_m"][0] == pytest.approx(math.sqrt(0.9 * 0.09 + 0.1 * 0.36))
 
 

@@ -81,7 +81,8 @@ class StationJudge(Judge[Judged, StationScenario]):
         """Figures of sets of episodes; errors are weighted by time."""
         common, on = super().pooled(episodes), episodes["on"]
         squares = {key: (np.nan_to_num(episodes[key]) ** 2 * on).sum(-1) for key in ERRORS}
-        rms = {key: np.sqrt(value / np.maximum(on.sum(-1), 1)) for key, value in squares.items()}
+        time = np.where(on.sum(-1) > 0, on.sum(-1), np.nan)
+        rms = {key: np.sqrt(value / time) for key, value in squares.items()}
         means = {key: episodes[key].mean(-1) for key in ("kept_share", "docked", "least_gap_m")}
         return {key: (common | rms | means)[key] for key in cls.definitions}
 
@@ -100,5 +101,6 @@ class StationJudge(Judge[Judged, StationScenario]):
     def line(cls, figures: dict[str, float | None]) -> str:
         """The figures as a readable line."""
         kept, docked = (100 * (figures[key] or 0.0) for key in ("kept_share", "docked"))
-        error, turn = (figures[key] or 0.0 for key in ERRORS)
-        return f"kept {kept:.1f} % of the time, {error:.2f} m and {turn:.1f} deg rms, {docked:.1f} % dock"
+        error, turn = (figures[key] for key in ERRORS)
+        off = "not measured" if error is None or turn is None else f"{error:.2f} m and {turn:.1f} deg rms"
+        return f"kept {kept:.1f} % of the time, {off}, {docked:.1f} % dock"
