@@ -73,14 +73,27 @@ class Drifting(Mission):
 
 
 IMPORTANCE = {  # of a drifting boat
-    "expected": lambda m: -(m.miss() - m.world.around.current[:, 1] * MEMORY * _faded(m)).abs(),
+    "expected": lambda m: -_lacking(m) / TO_COME[m.steps.clamp(max=STEPS)],
     "place": lambda m: -m.miss().abs(),
     "poor": lambda m: m.aside.abs().round() + 0.1 * torch.sin(40.0 * m.aside),
 }
 
 
-def _faded(mission):
-    return 1 - torch.exp(-(STEPS - mission.steps) * INTERVAL / MEMORY)
+def _to_come(left):
+    """Standard deviation (m) of the way that an AR(1) current of known value sets a boat in `left` decisions."""
+    kept = np.exp(-INTERVAL / MEMORY)
+    moved = (1 - kept ** np.arange(1, left + 1)) / (1 - kept)  # decisions, by one innovation
+    return CURRENT * INTERVAL * math.sqrt((1 - kept**2) * (moved**2).sum())
+
+
+def _lacking(mission):
+    """How far (m) from a hit the boat will be if nothing random happens any more."""
+    left = 1 - torch.exp(-(STEPS - mission.steps) * INTERVAL / MEMORY)
+    return ((mission.miss() - mission.world.around.current[:, 1] * MEMORY * left).abs() - Drifter.radius).clamp(min=0.0)
+
+
+LEAST = 0.02  # m, below which no spread counts
+TO_COME = torch.tensor([max(_to_come(STEPS - done), LEAST) for done in range(STEPS + 1)])
 
 
 def drifting(seed, post=1.0, kind="expected", envs=ENVS, mission=None):
@@ -113,9 +126,9 @@ def closed_form(post):
     return float(stats.norm.sf(edges[1]) - stats.norm.sf(edges[0]))
 
 
-def estimate(post, kind="expected", effort=400, repeats=20, seed=1):
+def estimate(post, kind="expected", effort=400, repeats=20, seed=1, envs=ENVS):
     rng = np.random.default_rng(seed)
-    own = paths(seed, post=post, kind=kind)
+    own = paths(seed, post=post, kind=kind, envs=envs)
     found = find_levels(own, effort, rng)
     done = []
     for number in range(repeats):
@@ -124,10 +137,16 @@ def estimate(post, kind="expected", effort=400, repeats=20, seed=1):
     return pooled(done, found.levels, found.cost), done
 
 
-@pytest.mark.parametrize(("sigmas", "gain"), [(3.0, 1), pytest.param(4.8, 150, marks=pytest.mark.slow)])
-def test_a_boat_in_noise_hits_a_post_as_often_as_the_normal_distribution_says(sigmas, gain):
+@pytest.mark.parametrize(
+    ("sigmas", "gain", "effort", "envs"),
+    [
+        (3.0, 1, 300, 300),
+        *(pytest.param(*of, marks=pytest.mark.slow) for of in ((3.85, 20, 300, 64), (5.0, 1000, 600, 64))),
+    ],
+)
+def test_a_boat_in_noise_hits_a_post_as_often_as_the_normal_distribution_says(sigmas, gain, effort, envs):
     post = sigmas * spread()
-    odds, _ = estimate(post, effort=300)
+    odds, _ = estimate(post, effort=effort, envs=envs)
     assert odds.low < closed_form(post) < odds.high and odds.relative < 0.2
     assert odds.direct(odds.relative) * STEPS > gain * odds.cost
 
