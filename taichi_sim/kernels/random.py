@@ -34,6 +34,7 @@ from taichi_sim.state.memory import Remembers
 TURBULENCE, SLOW_VARIATION = 1, 2
 INSTRUMENTS, RADIO, CONTACTS = 16, 32, 48  # each use also has the next 15 streams, CONTACTS the next 31
 CAMERA, LOOKOUT = 80, 96  # each use also has the next 15 streams
+TRAFFIC, AIS, RADAR = 112, 128, 160  # each use also has the next 31 streams, TRAFFIC the next 15
 
 CLOCK, SEED, KEY = range(3)  # where a counter (`Noise.table`) holds them; the key of the first environment
 

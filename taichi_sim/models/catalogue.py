@@ -18,6 +18,7 @@ from taichi_sim.models.uav.unity_aircraft import UnityAircraft
 from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.models.usv.manoeuvring_3dof import Manoeuvring3dof
 from taichi_sim.models.usv.mmg import Mmg3Dof
+from taichi_sim.models.usv.steered_ship import SteeredShip
 from taichi_sim.models.usv.unity_boat import UnityBoat
 from taichi_sim.vehicle import DEFAULT_STEP, LARGEST_STEP, Vehicle
 
@@ -31,6 +32,7 @@ MODELS: dict[str, type[Vehicle]] = {
     "manoeuvring_3dof": Manoeuvring3dof,
     "mmg_3dof": Mmg3Dof,
     "hull_6dof": Hull6Dof,
+    "steered_ship": SteeredShip,
     "unity_aircraft": UnityAircraft,
     "fixed_wing_6dof": FixedWing6DOF,
     "multirotor_6dof": Multirotor6DOF,

@@ -1,0 +1,1 @@
+"""Encounters under the rules of the road at sea (COLREGs)."""

@@ -1,0 +1,135 @@
+"""Encounters: own ships keep their routes among ships that keep, obey or break the rules of the road (COLREGs).
+
+An episode begins with an own ship on a straight route, and 1 to 16 ships that it will meet if all go on (situations.py).
+Ships are a scripted team (traffic.py). Own ships know them by AIS and radar (sensing.py); roles by the rules are latched,
+and gaps measured between rectangles (pairs.py). An episode ends at a collision, or when its time is up.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+
+from rl.mission import Frame, Histories, Mission
+from rl.missions.encounter.bodies import bodies_of, sizes_of
+from rl.missions.encounter.config import EncounterScenario
+from rl.missions.encounter.film import overlays_of
+from rl.missions.encounter.judge import EncounterJudge
+from rl.missions.encounter.pairs import Pairs
+from rl.missions.encounter.situations import cases_of, drawn, from_table
+from rl.missions.encounter.team import OwnShips
+from rl.missions.encounter.traffic import Traffic
+from rl.step import Due
+from taichi_sim.config import ConfigError
+from taichi_sim.fleet import Fleet
+from taichi_sim.vehicle import Vehicle
+from taichi_sim.visualisation.recording.episode import Episode, Scene
+
+ROOM = 100.0  # m about the own ships, in recordings; assumed
+
+
+class Encounter(Mission[EncounterScenario, OwnShips]):
+    """Own ships among traffic; see the module.
+
+    Attributes:
+        bodies, before: [env, own ships and ships, Body], now and a decision ago. pairs: pairs.py.
+        route: [env, own ship, 3] where each route begins (north, east, m) and its course (rad).
+        case: int64 [env], number of the situation in its table.
+    """
+
+    Config = EncounterScenario
+    Teams: ClassVar = {"own": OwnShips}
+    Judge = EncounterJudge
+
+    @classmethod
+    def part(cls, config: EncounterScenario, team: str) -> str:
+        """The part of a team, by `[encounter]`."""
+        return "own" if team == config.encounter.own else team
+
+    def make_teams(self, names: Sequence[str]) -> dict[str, OwnShips]:
+        """Make bodies and pairs, then the own ships."""
+        part, teams = self.config.encounter, self.world.teams
+        self._own, self._ships = teams[part.own], teams[part.traffic]
+        top = self._own.model.limits.speeds[2]
+        if part.speed > top:
+            raise ConfigError(f"encounter.speed = {part.speed:g}: {part.own}'s vehicle can go {top:.3g} m/s")
+        self.bodies = self.remember(bodies_of(self._own, self._ships))
+        self.before = self.remember(self.bodies.clone())
+        self.pairs = self.remember(Pairs(self.config, self.bodies, self._own.count))
+        self.route = self.remember(self.bodies.new_zeros((self.num_envs, self._own.count, 3)))
+        self.case = self.remember(torch.zeros(self.num_envs, dtype=torch.int64, device=self.device))
+        return super().make_teams(names)
+
+    def prepare(self) -> None:
+        """Show the ships who sails there."""
+        script = self.world.scripts[self.config.encounter.traffic]
+        if isinstance(script, Traffic):
+            script.attach(self.bodies, self.noise.table)
+
+    @property
+    def ships(self) -> Fleet[Vehicle]:
+        """The ships of traffic."""
+        return self._ships
+
+    def truth(self, due: Due) -> None:
+        """Measure bodies and pairs, then the own ships."""
+        fresh, begins = bodies_of(self._own, self._ships), due.begins.view(-1, 1, 1)
+        goes_on = due.goes_on.view(-1, 1, 1)
+        self.before.copy_(torch.where(goes_on, self.bodies, torch.where(begins, fresh, self.before)))
+        self.bodies.copy_(torch.where(goes_on | begins, fresh, self.bodies))
+        self.pairs.measure(self.bodies, self.before, due)
+        super().truth(due)
+
+    def begin(self, envs: Tensor, *, cases: Tensor | None = None) -> None:
+        """Draw who meets whom in environments `envs`; `cases` int64 [n], of a table (default: random ones)."""
+        config, part, n, own = self.config, self.config.encounter, len(envs), self._own.count
+        table = cases_of(config)
+        if table:
+            cases = self.draw(len(table), n) if cases is None else cases % len(table)
+            self.case[envs] = cases
+            begun = from_table(config, cases, own - 1 + self._ships.count, self.generator)
+        else:
+            script = self.world.scripts[part.traffic]
+            lengths = torch.cat((sizes_of(self._own)[..., 0], sizes_of(self._ships)[..., 0]), dim=1)[envs]
+            tops = torch.full_like(lengths, self._own.model.limits.speeds[2])
+            tops[:, own:] = script.tops[envs] if isinstance(script, Traffic) else self._ships.model.limits.speeds[2]
+            flow = self.world.current.velocity[envs]
+            begun = drawn(config, n, lengths, tops, own - 1, flow, self.generator)
+        route = torch.zeros((n, own, 3), dtype=torch.float64)
+        route[:, 0, 2] = begun.route
+        route[:, 1:, :2], route[:, 1:, 2] = begun.place[:, : own - 1], begun.course[:, : own - 1]
+        self.route[envs] = route.to(self.route)
+        place, course, speed = (x[:, own - 1 :].to(self.bodies) for x in begun[1:])
+        self.place(part.own, envs, route[..., :2].to(self.bodies), route[..., 2].to(self.bodies), part.speed)
+        self.place(part.traffic, envs, place, course, speed)
+        script = self.world.scripts[part.traffic]
+        if isinstance(script, Traffic):
+            script.start(envs, course, speed)
+
+    def begin_each(self) -> None:
+        """Begin environment e on sea e, in situation e of a table."""
+        self.reset(seas=self._all % self.world.sea.num_seas, cases=self._all)
+
+    # -- recordings ---------------------------------------------------------------------------------------------------
+
+    def frame(self, env: int) -> Frame:
+        """Tracks, safety domains, roles, the route (film.py)."""
+        return Frame({}, overlays_of(self.teams[self.config.encounter.own], self.bodies, self.pairs, self.route, env))
+
+    def scene(self, env: int) -> Scene:
+        """The water about the first own ship."""
+        part = self.config.encounter
+        return Scene(area_m=2 * part.corridor, obstacles=self.bodies.new_zeros((0, 4)).cpu().numpy(),
+                     overview=(part.own, ROOM + 0.5 * part.speed * part.notice))  # fmt: skip
+
+    @classmethod
+    def draw_figures(cls, out: Path, histories: Histories, episode: Episode | None, config: EncounterScenario) -> None:
+        """See figures.py."""
+        from rl.missions.encounter.figures import write_encounter_figures  # matplotlib takes a second
+
+        write_encounter_figures(out, histories, episode, config)
+
+
+MISSION = Encounter

@@ -1,0 +1,142 @@
+"""How encounters begin: where ships are, for all to meet at one time if all went on.
+
+    drawn   kinds, courses, speeds, sizes and meeting times are drawn
+    imazu   the 22 situations of Imazu, as printed by Sawada, Sato & Majima (2021), Automatic ship collision avoidance
+            using deep reinforcement learning with LSTM in continuous action spaces, J. Mar. Sci. Technol. 26, 509-524,
+            table 4, of which 19 are distinct
+    clock   one ship, on 24 courses around
+
+A ship of a table meets the own ship from the place that its course gives, at the own ship's speed, or at 0.7 of it
+("slow", ahead of it from 0.7 of the distance).
+"""
+
+import hashlib
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from rl.missions.encounter.bodies import AWAY
+from rl.missions.encounter.config import EncounterScenario
+from taichi_sim.config import ConfigError
+
+SLOW = 0.7
+TRIES = 20  # draws of ships, until all are apart
+IMAZU: tuple[tuple[tuple[float, float], ...], ...] = tuple(
+    tuple((psi, SLOW if slow else 1.0) for psi, slow in case)
+    for case in (
+        ((180, 0),), ((-90, 0),), ((0, 1),), ((45, 0),), ((180, 0), (-90, 0)), ((-10, 0), (-45, 0)),
+        ((0, 1), (-45, 0)), ((-30, 0), (-90, 0)), ((-90, 0), (15, 0)), ((90, 0), (-30, 0)),
+        ((180, 0), (10, 0), (45, 0)), ((-10, 0), (-45, 0), (-90, 0)), ((0, 1), (-45, 0), (-90, 0)),
+        ((45, 1), (90, 0), (-90, 0)), ((0, 1), (10, 0), (-45, 0)), ((-135, 0), (-15, 0), (-30, 0)),
+        ((15, 0), (-15, 0), (-135, 0)), ((0, 1), (-15, 0), (-90, 0)), ((-15, 0), (15, 0), (-90, 0)),
+    )
+)  # fmt: skip
+"""Course (deg) and share of the own ship's speed of each ship of the distinct situations."""
+IMAZU_NUMBERS = (1, 2, 3, 4, 5, 6, 7, 9, 10, 11, 13, 14, 15, 16, 17, 18, 19, 20, 21)
+"""Their numbers as printed; 8 is 5, 12 is 6, and 22 is 15."""
+IMAZU_DIGEST = hashlib.sha256(repr(IMAZU).encode()).hexdigest()[:16]
+CLOCK = tuple(((15.0 * k, 1.0 if k else SLOW),) for k in range(24))
+
+
+class Situation(NamedTuple):
+    """Starts of `n` episodes; bodies after the first own ship, which begins at the origin.
+
+    Attributes:
+        route: [n] course of the first own ship, rad. place: [n, body, 2] m. course, speed: [n, body] rad, m/s, through
+            the water. A body that an episode has not is `AWAY`, at speed 0.
+    """
+
+    route: Tensor
+    place: Tensor
+    course: Tensor
+    speed: Tensor
+
+
+def cases_of(config: EncounterScenario) -> tuple[tuple[tuple[float, float], ...], ...]:
+    """The situations of a table; none for `drawn`."""
+    return {"imazu": IMAZU, "clock": CLOCK, "drawn": ()}[config.encounter.set]
+
+
+def direction(course: Tensor) -> Tensor:
+    """Unit vectors [.., 2]."""
+    return torch.stack((course.cos(), course.sin()), dim=-1)
+
+
+def from_table(config: EncounterScenario, cases: Tensor, bodies: int, generator: torch.Generator) -> Situation:
+    """Situations `cases` [n] of the table; the own course is off by up to `course_deg`."""
+    part, table, n = config.encounter, cases_of(config), len(cases)
+    draw = torch.rand((n, 2), generator=generator, dtype=torch.float64)
+    time = part.tcpa[0] + (part.tcpa[1] - part.tcpa[0]) * draw[:, 0]
+    route = math.radians(part.course_deg) * (2 * draw[:, 1] - 1)
+    rows = torch.zeros((len(table), bodies, 2), dtype=torch.float64)
+    for k, case in enumerate(table):
+        rows[k, : len(case)] = torch.tensor(case, dtype=torch.float64)
+    course, share = rows[cases.cpu()].unbind(-1)
+    course, speed = torch.deg2rad(course), part.speed * share
+    meeting = torch.stack((part.speed * time, torch.zeros_like(time)), dim=-1)
+    place = meeting.unsqueeze(1) - (speed * time.unsqueeze(-1)).unsqueeze(-1) * direction(course)
+    return Situation(route, _away(place, speed > 0), course, speed)
+
+
+def drawn(
+    config: EncounterScenario, n: int, sizes: Tensor, tops: Tensor, own: int, current: Tensor, generator: torch.Generator
+) -> Situation:
+    """Draw `n` situations.
+
+    Args:
+        config: the scenario. n: how many. sizes, tops: length (m) and top speed (m/s) [n, 1 + body], the first own ship's
+            first. own: further own ships among the bodies, which come first; they go at their planned speed.
+        current: [n, 2], m/s, which ships of traffic do not compensate. generator: of the draws.
+
+    Raises:
+        ConfigError: if ships find no room.
+    """
+    part, bodies = config.encounter, sizes.shape[1] - 1
+    sizes, tops, current = sizes.double().cpu(), tops.double().cpu(), current.double().cpu()
+    route = 2 * math.pi * torch.rand(n, generator=generator, dtype=torch.float64)
+    low, high = part.ships
+    ships = torch.randint(low, high + 1, (n, 1), generator=generator)
+    there = torch.arange(bodies).unsqueeze(0) < own + ships
+    shares = torch.tensor(tuple(part.kinds.model_dump().values()), dtype=torch.float64)
+    place = torch.zeros((n, bodies, 2), dtype=torch.float64)
+    course, speed = torch.zeros((n, bodies), dtype=torch.float64), torch.zeros((n, bodies), dtype=torch.float64)
+    wrong = there.clone()
+    for _ in range(TRIES):
+        u = torch.rand((n, bodies, 4), generator=generator, dtype=torch.float64)
+        miss = torch.randn((n, bodies), generator=generator, dtype=torch.float64)
+        kind = torch.multinomial(shares.expand(n * bodies, -1), 1, replacement=True, generator=generator).view(n, bodies)
+        time = part.tcpa[0] + (part.tcpa[1] - part.tcpa[0]) * u[..., 0]
+        side, off = torch.where(u[..., 1] < 0.5, -1.0, 1.0), (2 * u[..., 1]).remainder(1.0)
+        turn = torch.where(kind == 0, 180.0 - part.course_deg * off, torch.where(kind == 1, 67.5 + 102.5 * off, 60 * off))
+        fast = tops[:, 1:] * (0.4 + 0.6 * u[..., 2])
+        fast = torch.where(kind == 2, part.speed * (0.3 + 0.4 * u[..., 2]), fast)
+        fast = torch.where(kind == 3, part.speed * (1.3 + 1.7 * u[..., 2]), fast)
+        fast = torch.minimum(fast, tops[:, 1:])
+        fast[:, :own] = part.speed
+        heading = route.unsqueeze(-1) + side * torch.deg2rad(turn)
+        meeting = (part.speed * time).unsqueeze(-1) * direction(route).unsqueeze(1)
+        drift = current.unsqueeze(1).expand(-1, bodies, -1) * (torch.arange(bodies) >= own).view(1, -1, 1)
+        way = time.unsqueeze(-1) * (fast.unsqueeze(-1) * direction(heading) + drift)
+        at = meeting - way + part.aim * miss.unsqueeze(-1) * direction(heading + math.pi / 2)
+        place[wrong], course[wrong], speed[wrong] = at[wrong], heading[wrong], fast[wrong]
+        all_of = torch.cat((torch.zeros((n, 1, 2), dtype=torch.float64), place), dim=1)
+        gap = torch.cdist(all_of, all_of) - 0.5 * (sizes.unsqueeze(1) + sizes.unsqueeze(2)) - part.clear
+        gap.diagonal(dim1=1, dim2=2).fill_(math.inf)
+        gone = torch.cat((torch.zeros((n, 1), dtype=torch.bool), ~there), dim=1)
+        gap.masked_fill_(gone.unsqueeze(1) | gone.unsqueeze(2), math.inf)
+        wrong = (gap.triu().masked_fill(torch.ones_like(gap).tril().bool(), math.inf).amin(1) < 0)[:, 1:] & there
+        if not wrong.any():
+            return Situation(route, _away(place, there), course, torch.where(there, speed, 0.0))
+    longest = float(sizes[:, 1:].max())
+    raise ConfigError(
+        f"encounter.tcpa = {list(part.tcpa)}, encounter.speed = {part.speed:g}: ships of up to {longest:.0f} m would "
+        f"begin less than encounter.clear = {part.clear:g} m from another: give longer times, or shorter ships"
+    )
+
+
+def _away(place: Tensor, there: Tensor) -> Tensor:
+    apart = torch.zeros_like(place)
+    apart[..., 0], apart[..., 1] = AWAY, 1e4 * torch.arange(place.shape[1])
+    return torch.where(there.unsqueeze(-1), place, apart)

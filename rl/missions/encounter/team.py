@@ -1,0 +1,261 @@
+"""The own ships: each follows a route by line of sight, and gives way by offsets of course and speed.
+
+A policy's actions are the offsets that SB-MPC (avoidance.py) gives, too: an offset of the course, up to 90 degrees to
+either side, and a factor of the planned speed. The course that the nose is to take is
+
+    chi = route - atan(across / lookahead) + offset - crab,
+
+with crab the averaged angle between course over ground and heading: what wind, waves and current make of it.
+"""
+
+import math
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from rl.guidance.helm import Helm
+from rl.guidance.targets_and_errors import wrap
+from rl.missions.encounter.avoidance import Plans, SbmpcGains
+from rl.missions.encounter.bodies import Body, Track
+from rl.missions.encounter.config import EncounterConfig, EncounterScenario, EncounterTeam
+from rl.missions.encounter.pairs import Pair, Pairs
+from rl.missions.encounter.rewards import TERMS
+from rl.missions.encounter.sensing import Tracking
+from rl.step import Due, Endings
+from rl.team import Controller, Host, Team
+from taichi_sim.config.io import validate
+from taichi_sim.kernels.conventions import HORIZONTAL, YAW_RATE
+from taichi_sim.kernels.rotation import torch_heading
+from taichi_sim.vehicle import Vehicle
+
+MOST_OFFSET = math.pi / 2
+CRAB_TIME = 10.0  # s over which the crab angle is averaged; assumed
+UNDERWAY = 0.2  # of the planned speed: a slower vessel has no crab angle
+NEAREST = 3  # tracks that are observed one by one
+PER_TRACK = 9
+
+
+class Sea(Host, Protocol):
+    """What the own ships ask of the mission."""
+
+    bodies: Tensor
+    before: Tensor
+    pairs: Pairs
+    route: Tensor
+
+    @property
+    def config(self) -> EncounterScenario:
+        """The scenario."""
+        ...
+
+
+class OwnShips(Team[Sea, EncounterTeam]):
+    """The own ships; see the module. Every tensor is [env, own ship, ...].
+
+    Attributes:
+        part: `[encounter]`. pairs: the truth (pairs.py). tracking: what they know of others (sensing.py).
+        offsets, before: offset of course (rad) and factor of speed in force, and a decision ago. crab: rad.
+    """
+
+    terms = TERMS
+    logged = ("least_gap_m", "collided", "across_m")
+    meanings = {
+        "route": "across over the lookahead, squashed; speed along and across the route over the planned one",
+        "helm": "course to the next point less heading: cosine and sine; yaw rate times 10 s; offsets in force",
+        "dangers": "of each candidate offset (SB-MPC's 39), logarithm of 1 + its danger, over 5",
+        "gaps": "of each candidate, its least gap to a track, squashed by `clear`",
+        "tracks": "of the 3 riskiest tracks: range, bearing, its course over ours, speed, miss and time to it, age, size",
+    }
+
+    def __init__(self, mission: Sea, name: str):
+        """Make team `name`."""
+        super().__init__(mission, name)
+        config, state = mission.config, self.fleet.state
+        self.part: EncounterConfig = config.encounter
+        self.helm = self.remember(Helm(self.fleet, mission.steps, f"{name}.vehicle"))
+        self.pairs = mission.pairs
+        self.tracking = self.remember(Tracking(config, mission.bodies, self.fleet.count))
+        self.offsets = self.remember(state.new_tensor([0.0, 1.0]).expand(*state.shape[:2], 2).clone())
+        self.before = self.remember(self.offsets.clone())
+        self.crab = self.remember(state.new_zeros(state.shape[:2]))
+        self.plans = Plans(validate(SbmpcGains, self.section.control, f"{name}.control"))
+
+    # -- guidance --------------------------------------------------------------------------------------------------
+
+    @property
+    def across(self) -> Tensor:
+        """Distance from the route, to starboard, m."""
+        return self._on_route(self.fleet.position_n)[1]
+
+    @property
+    def along(self) -> Tensor:
+        """Speed made good along the route, m/s."""
+        return self._on_route(self.fleet.velocity_n, moved=False)[0]
+
+    def _on_route(self, vector: Tensor, moved: bool = True) -> tuple[Tensor, Tensor]:
+        """Parts of a vector along the route and to starboard of it; of places from where the route begins."""
+        route = self.mission.route
+        flat = vector[..., HORIZONTAL] - route[..., :2] if moved else vector[..., HORIZONTAL]
+        c, s = route[..., 2].cos(), route[..., 2].sin()
+        return c * flat[..., 0] + s * flat[..., 1], c * flat[..., 1] - s * flat[..., 0]
+
+    @property
+    def course(self) -> Tensor:
+        """Course over ground (rad) that leads back to the route."""
+        return self.mission.route[..., 2] - torch.atan(self.across / self.part.lookahead)
+
+    @property
+    def here(self) -> Tensor:
+        """The own ships as bodies [env, own ship, Body]."""
+        return self.mission.bodies[:, : self.fleet.count]
+
+    @property
+    def tracks(self) -> Tensor:
+        """What they know of others [env, own ship, body, Track]."""
+        return self.tracking.tracks
+
+    def sail(self, offsets: Tensor) -> Tensor:
+        """Vehicle actions under offsets [env, own ship, 2] of course (rad) and speed (factor), which are in force then."""
+        self.before, self.offsets = self.offsets, offsets
+        return self.helm(wrap(self.course + offsets[..., 0] - self.crab), self.part.speed * offsets[..., 1])
+
+    # -- phases ----------------------------------------------------------------------------------------------------
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """Offsets of course, over 90 degrees, to starboard positive; of speed: 0 and above is the planned one."""
+        return "course", "speed"
+
+    def commanded(self, action: Tensor) -> Tensor:
+        """See `sail`."""
+        course, speed = action.unbind(-1)
+        return self.sail(torch.stack((MOST_OFFSET * course, (1.0 + speed).clamp(0.0, 1.0)), dim=-1))
+
+    def truth(self, due: Due) -> None:
+        """Begin without offsets; average the crab angle."""
+        begins = due.begins.view(-1, 1, 1)
+        calm = self.offsets.new_tensor([0.0, 1.0])
+        self.offsets = torch.where(begins, calm, self.offsets)
+        self.before = torch.where(begins, calm, self.before)
+        v, dt = self.fleet.velocity_n[..., HORIZONTAL], self.mission.config.decision_interval
+        crab = wrap(torch.atan2(v[..., 1], v[..., 0]) - torch_heading(self.fleet.quaternion_nb))
+        share = dt / (CRAB_TIME + dt) * (v.norm(dim=-1) > UNDERWAY * self.part.speed)
+        crab = self.crab + share * wrap(crab - self.crab)
+        self.crab = torch.where(due.begins.unsqueeze(1), 0.0, torch.where(due.goes_on.unsqueeze(1), crab, self.crab))
+
+    def perceive(self, due: Due) -> None:
+        """Sense others by AIS and radar."""
+        self.tracking.sense(self.mission.bodies, self.mission.before, due)
+
+    def margins(self) -> dict[str, Tensor]:
+        """To contact with any hull; to the edge of the corridor about the route, m."""
+        return {"collided": self.pairs.gap - 1e-3, "lost": self.part.corridor - self.across.abs()}
+
+    def importance(self, ending: str) -> Tensor:
+        """Near a collision: minus the gap that is left, or that will be at the nearest approach, whichever counts."""
+        if ending != "collided":
+            return super().importance(ending)
+        return self.pairs.of(Pair.RISK).amax(-1) - self.pairs.gap / self.part.clear
+
+    def log(self, ended: Endings) -> dict[str, Tensor]:
+        """Least gap, collisions in this step, distance from the route."""
+        return {
+            "least_gap_m": self.pairs.gap.clamp(max=self.part.corridor).mean(),
+            "collided": ended["collided"].float().mean(),
+            "across_m": self.across.abs().mean(),
+        }
+
+    def info(self) -> dict[str, Tensor]:
+        """gap: m, to the nearest hull."""
+        return {"gap": self.pairs.gap}
+
+    # -- control ---------------------------------------------------------------------------------------------------
+
+    def make_controller(self) -> Controller:
+        """SB-MPC."""
+        return Sbmpc(self.fleet.model, self.plans.gains)
+
+    @property
+    def plan_names(self) -> tuple[str, ...]:
+        """Corrections of the offset of course (rad) and of the factor of speed."""
+        return "course (correction)", "speed (correction)"
+
+    def planned(self, correction: Tensor, known: object = None) -> Tensor:
+        """Vehicle actions of SB-MPC, whose offsets are corrected."""
+        assert isinstance(self.controller, Sbmpc)
+        offsets = self.controller.offsets(self) + correction
+        return self.sail(torch.stack((offsets[..., 0], offsets[..., 1].clamp(0.0, 1.0)), dim=-1))
+
+    # -- observations ----------------------------------------------------------------------------------------------
+
+    def observe(self) -> dict[str, Tensor]:
+        """See `meanings`."""
+        part, fleet = self.part, self.fleet
+        along, aside = self._on_route(fleet.velocity_n, moved=False)
+        off = self.across / part.lookahead
+        turn = wrap(self.course - torch_heading(fleet.quaternion_nb))
+        fan, _ = self.plans(self)
+        gaps = fan[..., 1].clamp(min=0.0)
+        return {
+            "route": torch.stack((off / (1 + off.abs()), along / part.speed, aside / part.speed), dim=-1),
+            "helm": torch.cat((turn.cos().unsqueeze(-1), turn.sin().unsqueeze(-1), 10 * fleet.state[..., YAW_RATE:],
+                               self.offsets), dim=-1),
+            "dangers": torch.log1p(fan[..., 0]) / 5.0,
+            "gaps": gaps / (gaps + part.clear),
+            "tracks": self._tracks(),
+        }  # fmt: skip
+
+    def _tracks(self) -> Tensor:
+        """The riskiest tracks [env, own ship, NEAREST * PER_TRACK]; zeros where there are less."""
+        part, here, tracks = self.part, self.here, self.tracking.tracks
+        to = tracks[..., : Track.V_NORTH] - here[..., None, : Body.V_NORTH]
+        its = tracks[..., Track.V_NORTH : Track.LENGTH]
+        w = here[..., None, Body.V_NORTH : Body.COS] - its
+        far = to.norm(dim=-1).clamp(min=1.0)
+        time = (to * w).sum(-1) / w.square().sum(-1).clamp(min=1e-3)
+        ahead = time.clamp(0.0, 2 * part.notice)
+        miss = (to - ahead.unsqueeze(-1) * w).norm(dim=-1) - 0.5 * tracks[..., Track.LENGTH]
+        risk = 1.0 / (1.0 + miss.clamp(min=0.0) / part.clear) / (1.0 + ahead / part.notice)
+        risk = torch.where(self.tracking.known, risk * (0.3 + 0.7 * (time > 0)), -1.0)
+        most, which = risk.topk(min(NEAREST, risk.shape[-1]), dim=-1)
+        c, s = (x.unsqueeze(-1) for x in (here[..., Body.COS], here[..., Body.SIN]))
+        ahead_of, beside = (c * to[..., 0] + s * to[..., 1]) / far, (c * to[..., 1] - s * to[..., 0]) / far
+        u, v = c * its[..., 0] + s * its[..., 1], c * its[..., 1] - s * its[..., 0]
+        reach = part.speed * part.notice
+        rows = torch.stack(
+            (reach / (reach + far), ahead_of, beside, u / part.speed, v / part.speed, part.clear / (
+                part.clear + miss.clamp(min=0.0)), time.clamp(-part.notice, 3 * part.notice) / part.notice,
+             tracks[..., Track.AGE] / 60.0, tracks[..., Track.LENGTH] / (tracks[..., Track.LENGTH] + part.clear)), dim=-1,
+        )  # fmt: skip
+        found = rows.gather(2, which.unsqueeze(-1).expand(*which.shape, PER_TRACK))
+        found = torch.where((most > 0).unsqueeze(-1), found, 0.0).flatten(2)
+        missing = NEAREST * PER_TRACK - found.shape[-1]
+        return torch.nn.functional.pad(found, (0, missing)) if missing else found
+
+    def truth_now(self) -> Tensor | None:
+        """Privileged: true gap, risk and role of the nearest, and what varies."""
+        gap = self.pairs.gap.unsqueeze(-1)
+        near = gap.clamp(min=0.0)
+        parts = [near / (near + self.part.clear), self.pairs.of(Pair.RISK).amax(-1, keepdim=True)]
+        if self.mission.config.varies:
+            parts.append(self.mission.world.truth[self.name])
+        return torch.cat(parts, dim=-1)
+
+
+class Sbmpc:
+    """SB-MPC as a classical controller of own ships."""
+
+    Gains = SbmpcGains
+
+    def __init__(self, model: Vehicle, gains: SbmpcGains | None = None):
+        """Decide by these gains, whatever the vehicle."""
+        self.plans = Plans(gains or SbmpcGains())
+
+    def offsets(self, team: OwnShips) -> Tensor:
+        """The best offsets [env, own ship, 2]."""
+        return self.plans(team)[1]
+
+    def __call__(self, team: OwnShips) -> Tensor:
+        """Vehicle actions."""
+        return team.sail(self.offsets(team))
