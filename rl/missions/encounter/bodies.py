@@ -14,9 +14,6 @@ from taichi_sim.kernels.conventions import HORIZONTAL
 from taichi_sim.kernels.rotation import torch_heading
 from taichi_sim.vehicle import Vehicle
 
-AWAY = 1e6  # m north, where ships lie that an episode has not
-ABSENT = 0.5 * AWAY  # further north than this there is no ship
-
 
 class Body(IntEnum):
     """Columns of a body: place (m), velocity (m/s), NED; heading; length and beam (m)."""

@@ -4,16 +4,17 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rl.missions.encounter.bodies import ABSENT, Body, Track
+from rl.missions.encounter.bodies import Body, Track
 from rl.missions.encounter.pairs import Pair, Pairs, Role
 from rl.missions.encounter.team import OwnShips
-from taichi_sim.visualisation.recording.overlays import Arrows, Ellipsoids, Lines, Overlay, Points
+from taichi_sim.visualisation.recording.overlays import Arrows, Ellipsoids, Lines, Overlay, Plot, Points
 
 COLOURS = {
     Role.NONE: ("others", (150, 165, 180)), Role.HEAD_ON: ("head-on", (230, 80, 70)),
     Role.GIVE_WAY: ("give way", (240, 160, 40)), Role.STAND_ON: ("stand on", (70, 170, 90)),
     Role.OVERTAKING: ("overtaking", (190, 120, 220)), Role.OVERTAKEN: ("overtaken", (90, 160, 230)),
 }  # fmt: skip
+HULLS, OFFSETS = "hulls/", "offsets and gap"  # names of drawings
 DOMAIN, KNOWN, ROUTE = (235, 220, 160), (250, 120, 220), (120, 200, 255)
 VECTOR = 30.0  # s that a velocity is drawn for
 CORNERS = np.array([[0.5, 0.0], [0.3, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.3, -0.5], [0.5, 0.0]])  # of an outline
@@ -31,13 +32,12 @@ def overlays_of(teams: OwnShips, bodies: Tensor, pairs: Pairs, route: Tensor, en
     """All drawings of environment `env` now, of one frame each."""
     count, part = teams.fleet.count, teams.part
     now = bodies[env].double().cpu().numpy()
-    now[np.abs(now[:, Body.NORTH]) > ABSENT] = np.nan
     role = pairs.of(Pair.ROLE)[env, 0].cpu().numpy()
     drawn: list[Overlay] = []
     hulls = outlines(now)
     for code, (name, colour) in COLOURS.items():
         shown = np.where((role == int(code))[:, None, None], hulls, np.nan)[count:]
-        drawn.append(Lines(name=f"hulls/{name}", colour=colour, points_n=shown[None], radius=-2.0))
+        drawn.append(Lines(name=f"{HULLS}{name}", colour=colour, points_n=shown[None], radius=-2.0))
     flat = np.zeros((1, len(now), 3))
     place, velocity = flat.copy(), flat.copy()
     place[0, :, :2], velocity[0, :, :2] = now[:, : Body.V_NORTH], VECTOR * now[:, Body.V_NORTH : Body.COS]
@@ -56,4 +56,7 @@ def overlays_of(teams: OwnShips, bodies: Tensor, pairs: Pairs, route: Tensor, en
     line[0, ..., 0] = begun[:, :1] + way * np.cos(begun[:, 2:])
     line[0, ..., 1] = begun[:, 1:2] + way * np.sin(begun[:, 2:])
     drawn.append(Lines(name="route", colour=ROUTE, points_n=line, radius=-1.0, where="map"))
+    gap = min(float(pairs.gap[env, 0]), part.corridor)
+    values = np.array([[np.degrees(float(teams.offsets[env, 0, 0])), gap]])
+    drawn.append(Plot(name=OFFSETS, unit="", lines=("offset of course, deg", "gap, m"), values=values))
     return tuple(drawn)

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import taichi as ti
 from torch import Tensor
 
-from rl.missions.encounter.bodies import ABSENT, Body, rectangle_gap
+from rl.missions.encounter.bodies import Body, rectangle_gap
 from rl.missions.encounter.config import EncounterScenario
 from rl.step import BEGINS, NOT_DUE, Due
 from taichi_sim.kernels import runtime
@@ -118,7 +118,7 @@ def _measure(
                     for c in ti.static(range(Pair.SIZE)):
                         pairs[e, i, j, c] = 0.0
                     pairs[e, i, j, Pair.LEAST], pairs[e, i, j, Pair.NEAR] = FARTHEST, FARTHEST
-                if j == i or ti.abs(bodies[e, j, Body.NORTH]) > ABSENT:
+                if j == i:
                     pairs[e, i, j, Pair.GAP] = FARTHEST
                     continue
                 b0, b1 = ti.Vector([before[e, j, 0], before[e, j, 1]]), ti.Vector([bodies[e, j, 0], bodies[e, j, 1]])

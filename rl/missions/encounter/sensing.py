@@ -19,7 +19,7 @@ import taichi as ti
 import torch
 from torch import Tensor
 
-from rl.missions.encounter.bodies import ABSENT, Body, Track
+from rl.missions.encounter.bodies import Body, Track
 from rl.missions.encounter.config import EncounterScenario
 from rl.step import BEGINS, NOT_DUE, Due
 from taichi_sim.kernels import runtime
@@ -147,7 +147,7 @@ def _sense(
             for j in range(tracks.shape[2]):
                 track = ti.Vector([tracks[e, i, j, c] for c in ti.static(range(Track.SIZE))])
                 u = uniform4(draws[SEED], AIS + j, draws[KEY + e], i, draws[CLOCK])
-                there = j != i and ti.abs(bodies[e, j, Body.NORTH]) < ABSENT
+                there = j != i
                 if which[e] == BEGINS:
                     track[Track.AGE], track[Track.NEXT] = -1.0, NO_AIS
                     track[Track.LENGTH], track[Track.BEAM] = ti.static(UNKNOWN[0]), ti.static(UNKNOWN[1])

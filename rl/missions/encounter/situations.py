@@ -17,11 +17,11 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from rl.missions.encounter.bodies import AWAY
 from rl.missions.encounter.config import EncounterScenario
 from taichi_sim.config import ConfigError
 
 SLOW = 0.7
+FAR = 2.5  # of the own ship's way to a meeting: where ships sail that meet nobody
 TRIES = 20  # draws of ships, until all are apart
 IMAZU: tuple[tuple[tuple[float, float], ...], ...] = tuple(
     tuple((psi, SLOW if slow else 1.0) for psi, slow in case)
@@ -45,7 +45,7 @@ class Situation(NamedTuple):
 
     Attributes:
         route: [n] course of the first own ship, rad. place: [n, body, 2] m. course, speed: [n, body] rad, m/s, through
-            the water. A body that an episode has not is `AWAY`, at speed 0.
+            the water. Ships that meet nobody in an episode sail away from it, from afar.
     """
 
     route: Tensor
@@ -77,7 +77,7 @@ def from_table(config: EncounterScenario, cases: Tensor, bodies: int, generator:
     course, speed = torch.deg2rad(course), part.speed * share
     meeting = torch.stack((part.speed * time, torch.zeros_like(time)), dim=-1)
     place = meeting.unsqueeze(1) - (speed * time.unsqueeze(-1)).unsqueeze(-1) * direction(course)
-    return Situation(route, _away(place, speed > 0), course, speed)
+    return _sails_away(config, Situation(route, place, course, speed), speed > 0, generator)
 
 
 def drawn(
@@ -128,7 +128,7 @@ def drawn(
         gap.masked_fill_(gone.unsqueeze(1) | gone.unsqueeze(2), math.inf)
         wrong = (gap.triu().masked_fill(torch.ones_like(gap).tril().bool(), math.inf).amin(1) < 0)[:, 1:] & there
         if not wrong.any():
-            return Situation(route, _away(place, there), course, torch.where(there, speed, 0.0))
+            return _sails_away(config, Situation(route, place, course, speed), there, generator)
     longest = float(sizes[:, 1:].max())
     raise ConfigError(
         f"encounter.tcpa = {list(part.tcpa)}, encounter.speed = {part.speed:g}: ships of up to {longest:.0f} m would "
@@ -136,7 +136,15 @@ def drawn(
     )
 
 
-def _away(place: Tensor, there: Tensor) -> Tensor:
-    apart = torch.zeros_like(place)
-    apart[..., 0], apart[..., 1] = AWAY, 1e4 * torch.arange(place.shape[1])
-    return torch.where(there.unsqueeze(-1), place, apart)
+def _sails_away(
+    config: EncounterScenario, begun: Situation, there: Tensor, generator: torch.Generator
+) -> Situation:
+    """The situation, in which bodies that are not `there` [n, body] sail away from far off, anywhere."""
+    part = config.encounter
+    course = 2 * math.pi * torch.rand(there.shape, generator=generator, dtype=torch.float64)
+    place = FAR * part.speed * part.tcpa[1] * direction(course)
+    speed = torch.full_like(begun.speed, part.speed)
+    return Situation(
+        begun.route, torch.where(there.unsqueeze(-1), begun.place, place), torch.where(there, begun.course, course),
+        torch.where(there, begun.speed, speed),
+    )  # fmt: skip

@@ -25,7 +25,7 @@ import torch
 from torch import Tensor
 
 from rl.missions.encounter.avoidance import CANDIDATES, SbmpcGains, danger_of, effort, offset_of
-from rl.missions.encounter.bodies import ABSENT, Body, Track, sizes_of
+from rl.missions.encounter.bodies import Body, Track, sizes_of
 from rl.missions.encounter.config import BehavioursConfig, EncounterScenario
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import validate
@@ -82,66 +82,62 @@ def _sail(
         m = values_at(kind, manners)
         own = ti.cast(m.own, ti.i32)
         i = own + k
-        if ti.abs(bodies[e, i, Body.NORTH]) < ABSENT:
-            here = ti.Vector([bodies[e, i, Body.NORTH], bodies[e, i, Body.EAST]])
-            now = ti.Vector([bodies[e, i, Body.V_NORTH], bodies[e, i, Body.V_EAST]])
-            length, course, planned = bodies[e, i, Body.LENGTH], ships[e, k, 0], ti.max(ships[e, k, 1], 0.1)
-            soonest, coming = m.notice * 2, 0
-            for j in range(own):
-                to = ti.Vector([bodies[e, j, Body.NORTH], bodies[e, j, Body.EAST]]) - here
-                w = now - ti.Vector([bodies[e, j, Body.V_NORTH], bodies[e, j, Body.V_EAST]])
-                closing = to.dot(w) / ti.max(w.dot(w), 1e-4)
-                miss = (to - closing * w).norm() - 0.5 * (length + bodies[e, j, Body.LENGTH])
-                if closing > 0 and miss < m.clear:
-                    coming, soonest = 1, ti.min(soonest, closing)
-            u = uniform4(draws[SEED], TRAFFIC, draws[KEY + e], k, draws[CLOCK])
-            behaviour = ti.cast(ships[e, k, Sailing.BEHAVIOUR], ti.i32)
-            if behaviour == 0 and coming == 1 and soonest < m.notice:
-                behaviour = 1 + ti.cast(u[0] > m.to_keeps, ti.i32) + ti.cast(u[0] > m.to_obeys, ti.i32)
-                behaviour += ti.cast(u[0] > m.to_late, ti.i32) + ti.cast(u[0] > m.to_port, ti.i32)
-                behaviour += ti.cast(u[0] > m.to_stops, ti.i32)
-                ships[e, k, Sailing.BEHAVIOUR], ships[e, k, Sailing.WAIT] = behaviour, u[1] * EVERY
-                if behaviour == ti.static(int(Behaviour.PORT)):
-                    ships[e, k, Sailing.OFFSET] = -ti.static(PORT[0]) - u[2] * ti.static(PORT[1] - PORT[0])
-                if behaviour == ti.static(int(Behaviour.STOPS)):
-                    ships[e, k, Sailing.FACTOR] = 0.0
-            ships[e, k, Sailing.WAIT] -= m.interval
-            late = behaviour == ti.static(int(Behaviour.LATE))
-            acts = behaviour == ti.static(int(Behaviour.OBEYS)) or (
-                late and (soonest < LATE * m.notice or ships[e, k, Sailing.OFFSET] != 0.0)
-            )
-            if behaviour == ti.static(int(Behaviour.PORT)) and coming == 0:
-                ships[e, k, Sailing.OFFSET] = 0.0
-            if behaviour == ti.static(int(Behaviour.WEAVES)) and u[3] * WEAVE < m.interval:
-                ships[e, k, Sailing.OFFSET] = (2 * u[2] - 1) * WEAVES
-            if acts and ships[e, k, Sailing.WAIT] <= 0:
-                ships[e, k, Sailing.WAIT] = EVERY
-                g = values_at(sbmpc, gains)
-                for j in range(bodies.shape[1]):
-                    z = normal6(draws[SEED], TRAFFIC + 1 + j, draws[KEY + e], k, draws[CLOCK])
-                    for a in ti.static(range(2)):
-                        tracks[e, k, j, a] = bodies[e, j, a] + SEEN_NOISE * z[a]
-                        tracks[e, k, j, Track.V_NORTH + a] = bodies[e, j, Body.V_NORTH + a]
-                        tracks[e, k, j, Track.LENGTH + a] = bodies[e, j, Body.LENGTH + a]
-                    there = j != i and ti.abs(bodies[e, j, Body.NORTH]) < ABSENT
-                    tracks[e, k, j, Track.AGE] = ti.select(there, 0.0, -1.0)
-                held_x, held_P = ships[e, k, Sailing.OFFSET], ships[e, k, Sailing.FACTOR]
-                least, best = length * 0.0 + 1e30, 0
-                for c in range(CANDIDATES):
-                    cost = effort(c, held_x, held_P, g)
-                    if cost < least:
-                        worst, _ = danger_of(c, here, now, length, course, planned, tracks, e, k, g)
-                        if cost + worst < least:
-                            least, best = cost + worst, c
-                x, P = offset_of(best)
-                ships[e, k, Sailing.OFFSET], ships[e, k, Sailing.FACTOR] = x, P
-            ordered = course + ships[e, k, Sailing.OFFSET]
-            ordered -= ti.static(2 * math.pi) * ti.round(ordered / ti.static(2 * math.pi))
-            out[e, k, 0] = ti.min(ti.max(ordered / ti.static(math.pi), -1.0), 1.0)
-            speed = ships[e, k, Sailing.SPEED] * ships[e, k, Sailing.FACTOR]
-            out[e, k, 1] = ti.min(2.0 * speed / tops[e, k, 0] - 1.0, 1.0)
-        else:
-            out[e, k, 0], out[e, k, 1] = 0.0, -1.0
+        here = ti.Vector([bodies[e, i, Body.NORTH], bodies[e, i, Body.EAST]])
+        now = ti.Vector([bodies[e, i, Body.V_NORTH], bodies[e, i, Body.V_EAST]])
+        length, course, planned = bodies[e, i, Body.LENGTH], ships[e, k, 0], ti.max(ships[e, k, 1], 0.1)
+        soonest, coming = m.notice * 2, 0
+        for j in range(own):
+            to = ti.Vector([bodies[e, j, Body.NORTH], bodies[e, j, Body.EAST]]) - here
+            w = now - ti.Vector([bodies[e, j, Body.V_NORTH], bodies[e, j, Body.V_EAST]])
+            closing = to.dot(w) / ti.max(w.dot(w), 1e-4)
+            miss = (to - closing * w).norm() - 0.5 * (length + bodies[e, j, Body.LENGTH])
+            if closing > 0 and miss < m.clear:
+                coming, soonest = 1, ti.min(soonest, closing)
+        u = uniform4(draws[SEED], TRAFFIC, draws[KEY + e], k, draws[CLOCK])
+        behaviour = ti.cast(ships[e, k, Sailing.BEHAVIOUR], ti.i32)
+        if behaviour == 0 and coming == 1 and soonest < m.notice:
+            behaviour = 1 + ti.cast(u[0] > m.to_keeps, ti.i32) + ti.cast(u[0] > m.to_obeys, ti.i32)
+            behaviour += ti.cast(u[0] > m.to_late, ti.i32) + ti.cast(u[0] > m.to_port, ti.i32)
+            behaviour += ti.cast(u[0] > m.to_stops, ti.i32)
+            ships[e, k, Sailing.BEHAVIOUR], ships[e, k, Sailing.WAIT] = behaviour, u[1] * EVERY
+            if behaviour == ti.static(int(Behaviour.PORT)):
+                ships[e, k, Sailing.OFFSET] = -ti.static(PORT[0]) - u[2] * ti.static(PORT[1] - PORT[0])
+            if behaviour == ti.static(int(Behaviour.STOPS)):
+                ships[e, k, Sailing.FACTOR] = 0.0
+        ships[e, k, Sailing.WAIT] -= m.interval
+        late = behaviour == ti.static(int(Behaviour.LATE))
+        acts = behaviour == ti.static(int(Behaviour.OBEYS)) or (
+            late and (soonest < LATE * m.notice or ships[e, k, Sailing.OFFSET] != 0.0)
+        )
+        if behaviour == ti.static(int(Behaviour.PORT)) and coming == 0:
+            ships[e, k, Sailing.OFFSET] = 0.0
+        if behaviour == ti.static(int(Behaviour.WEAVES)) and u[3] * WEAVE < m.interval:
+            ships[e, k, Sailing.OFFSET] = (2 * u[2] - 1) * WEAVES
+        if acts and ships[e, k, Sailing.WAIT] <= 0:
+            ships[e, k, Sailing.WAIT] = EVERY
+            g = values_at(sbmpc, gains)
+            for j in range(bodies.shape[1]):
+                z = normal6(draws[SEED], TRAFFIC + 1 + j, draws[KEY + e], k, draws[CLOCK])
+                for a in ti.static(range(2)):
+                    tracks[e, k, j, a] = bodies[e, j, a] + SEEN_NOISE * z[a]
+                    tracks[e, k, j, Track.V_NORTH + a] = bodies[e, j, Body.V_NORTH + a]
+                    tracks[e, k, j, Track.LENGTH + a] = bodies[e, j, Body.LENGTH + a]
+                tracks[e, k, j, Track.AGE] = ti.select(j != i, 0.0, -1.0)
+            held_x, held_P = ships[e, k, Sailing.OFFSET], ships[e, k, Sailing.FACTOR]
+            least, best = length * 0.0 + 1e30, 0
+            for c in range(CANDIDATES):
+                cost = effort(c, held_x, held_P, g)
+                if cost < least:
+                    worst, _ = danger_of(c, here, now, length, course, planned, tracks, e, k, g)
+                    if cost + worst < least:
+                        least, best = cost + worst, c
+            x, P = offset_of(best)
+            ships[e, k, Sailing.OFFSET], ships[e, k, Sailing.FACTOR] = x, P
+        ordered = course + ships[e, k, Sailing.OFFSET]
+        ordered -= ti.static(2 * math.pi) * ti.round(ordered / ti.static(2 * math.pi))
+        out[e, k, 0] = ti.min(ti.max(ordered / ti.static(math.pi), -1.0), 1.0)
+        speed = ships[e, k, Sailing.SPEED] * ships[e, k, Sailing.FACTOR]
+        out[e, k, 1] = ti.min(2.0 * speed / tops[e, k, 0] - 1.0, 1.0)
 
 
 class Traffic(Script, Remembers):
