@@ -33,7 +33,7 @@ from rl.missions.encounter.config import EncounterConfig
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import struct_of, values_at
-from taichi_sim.kernels.runtime import array1, array2, array3, array4
+from taichi_sim.kernels.runtime import array1, array3, array4
 
 TURNS, SLOWS = 13, 3  # candidates: course offsets, speed factors
 TURN = math.radians(15.0)
@@ -105,10 +105,14 @@ def offset_of(k):
 
 
 @ti.func
-def danger_of(k, here, now, length, course, planned, tracks: ti.template(), e, i, g: ti.template()):
-    """Greatest danger of candidate k for a vessel at `here` with velocity `now`, over all tracks, and the least gap."""
+def danger_of(k, here, now, length, route, without, planned, tracks: ti.template(), e, i, g: ti.template()):
+    """Greatest danger of candidate k for a vessel at `here` with velocity `now`, over all tracks, and the least gap.
+
+    Its course is `route` with an offset, and `without` one.
+    """
     x, P = offset_of(k)
-    v = P * planned * ti.Vector([ti.cos(course + x), ti.sin(course + x)])
+    course = ti.select(x == 0.0, without, route + x)
+    v = P * planned * ti.Vector([ti.cos(course), ti.sin(course)])
     start, worst, clear = here + g.lag * (now - v), here[0] * 0.0, here[0] * 0.0 + 1e9
     for j in range(tracks.shape[2]):
         if tracks[e, i, j, Track.AGE] >= 0:
@@ -128,7 +132,7 @@ def effort(k, held_x, held_P, g: ti.template()):
 
 @ti.kernel
 def _weigh(
-    fan: array4, best: array3, tracks: array4, bodies: array3, courses: array2, held: array3, numbers: array1,
+    fan: array4, best: array3, tracks: array4, bodies: array3, courses: array3, held: array3, numbers: array1,
     kind: ti.template(),
 ):  # fmt: skip
     ti.loop_config(serialize=runtime.loop.serial)
@@ -138,7 +142,9 @@ def _weigh(
         now = ti.Vector([bodies[e, i, Body.V_NORTH], bodies[e, i, Body.V_EAST]])
         length, least, which = bodies[e, i, Body.LENGTH], here[0] * 0.0 + 1e30, 0
         for k in range(CANDIDATES):
-            worst, clear = danger_of(k, here, now, length, courses[e, i], g.planned, tracks, e, i, g)
+            worst, clear = danger_of(
+                k, here, now, length, courses[e, i, 0], courses[e, i, 1], g.planned, tracks, e, i, g
+            )
             fan[e, i, k, 0], fan[e, i, k, 1] = worst, clear
             cost = worst + effort(k, held[e, i, 0], held[e, i, 1], g)
             if cost < least:
@@ -159,8 +165,8 @@ class Decides(Protocol):
         ...
 
     @property
-    def course(self) -> Tensor:
-        """Course (rad) without an offset, [env, own ship]."""
+    def courses(self) -> Tensor:
+        """Course of the route, and the course without an offset (rad), [env, own ship, 2]."""
         ...
 
     @property
@@ -187,7 +193,7 @@ class Plans:
         best = torch.empty_like(team.offsets)
         kind = struct_of(tuple(numbers), runtime.current().precision)
         self._launch.once(
-            fan, best, team.tracks, here, team.course.contiguous(), team.offsets.contiguous(),
+            fan, best, team.tracks, here, team.courses, team.offsets.contiguous(),
             here.new_tensor(tuple(numbers.values())), kind,
         )  # fmt: skip
         return fan, best

@@ -113,10 +113,18 @@ class TracksConfig(Strict):
     forget: Annotated[Positive, Plausible(1.0, 5000.0, "s")] = 60.0  # age of the last measurement at which one ends
 
 
+class CorrectionConfig(Strict):
+    """`[TEAM.correction]`: a policy corrects the offsets that SB-MPC chooses."""
+
+    course_deg: Annotated[Positive, Plausible(1.0, 180.0, "deg")] = 60.0  # the most, either way
+    speed: Annotated[Positive, Plausible(0.05, 1.0)] = 0.5  # the most, of the planned speed
+
+
 class EncounterTeam(TeamSection):
-    """One team: its vehicle and size (TeamConfig), and numbers of its classical controller."""
+    """One team: its vehicle and size (TeamConfig), and numbers of SB-MPC."""
 
     control: dict[str, float] = {}
+    correction: CorrectionConfig | None = None  # none: a policy gives the offsets itself
     plan: PlanConfig = PlanConfig()
 
 

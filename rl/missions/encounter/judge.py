@@ -52,8 +52,7 @@ class EncounterJudge(Judge[Judged, EncounterScenario]):
         "score": "mean score after Woerner of all encounters",
         **{f"{rule}_score": f"the same of {rule.replace('_', ' ')}" for rule in RULES},
         "delay": "share of the planned way along the route that was not made good, mean",
-        "wrong_side": "share of head-on and give-way encounters with a turn to port of more than 10 degrees, and more "
-        "than to starboard",
+        "wrong_side": "share of head-on and give-way encounters in which the first manoeuvre is a turn to port of 10 degrees",
         "early": "share of stand-on encounters with a change of course of more than 10 degrees before the middle stage",
         "unseen": "share of encounters in which the own ship gives way with no change of course of 10 degrees nor of "
         "a fifth of the speed",
@@ -99,11 +98,11 @@ class EncounterJudge(Judge[Judged, EncounterScenario]):
         least = pairs[..., Pair.LEAST].min(axis=(1, 2)).astype(np.float64)
         kind, score = pairs[..., Pair.KIND], scores(pairs.astype(np.float64), config.encounter)
         count = {rule: np.isin(kind, roles) for rule, roles in RULES.items()}
-        starboard, port, gives = pairs[..., Pair.STARBOARD], pairs[..., Pair.PORT], np.isin(kind, GIVES)
+        gives = np.isin(kind, GIVES)
         sided = np.isin(kind, (Role.HEAD_ON, Role.GIVE_WAY))
         acted = pairs[..., Pair.ACTED] > 0
         flags = {
-            "wrong": sided & (port > ACTS) & (port > starboard), "sided": sided,
+            "wrong": sided & (pairs[..., Pair.FIRST] < -ACTS), "sided": sided,
             "hasty": count["rule_17"] & (pairs[..., Pair.EARLY] > ACTS), "stood": count["rule_17"],
             "silent": gives & ~acted, "gave": gives,
         }  # fmt: skip
@@ -145,11 +144,11 @@ class EncounterJudge(Judge[Judged, EncounterScenario]):
 
     @classmethod
     def loss(cls, episodes: Episodes, config: EncounterScenario) -> NDArray[np.float64]:
-        """Loss of an episode: of collisions, near misses, gaps below `clear`, rules and delay."""
+        """Loss of an episode: of collisions, near misses, gaps below `clear`, rules, wrong sides and delay."""
         part = config.encounter
         short = np.clip(1.0 - episodes["least_gap_m"] / part.clear, 0.0, 1.0)
-        score = np.nan_to_num(episodes["score"], nan=1.0)
-        return SOLD * episodes["collided"] + 5 * episodes["near_miss"] + 2 * short + (1 - score) + 5 * episodes["delay"]
+        rules = (1 - np.nan_to_num(episodes["score"], nan=1.0)) + episodes["wrong"]
+        return SOLD * episodes["collided"] + 5 * episodes["near_miss"] + 2 * short + 2 * rules + 5 * episodes["delay"]
 
     @classmethod
     def line(cls, figures: dict[str, float | None]) -> str:
@@ -183,7 +182,7 @@ def scores(pairs: NDArray[np.float64], part: EncounterConfig) -> NDArray[np.floa
     S_16 = S * (1 - late) * (1 - unseen)
     S_15 = S_16 - 0.5 * ((a > -25 * DEG) & (a < 165 * DEG))
     S_13 = S_16 - 0.3 * (np.abs(a) < 45 * DEG)
-    S_17 = S * (1 - np.clip((get[Pair.EARLY] - ACTS) / (20 * DEG), 0, 1)) * np.where(get[Pair.PORT] > ACTS, 0.7, 1.0)
+    S_17 = S * (1 - np.clip((get[Pair.EARLY] - ACTS) / (20 * DEG), 0, 1)) * np.where(get[Pair.FIRST] < -ACTS, 0.7, 1.0)
     chosen = np.select(
         [get[Pair.KIND] == int(Role.HEAD_ON), get[Pair.KIND] == int(Role.GIVE_WAY),
          get[Pair.KIND] == int(Role.OVERTAKING)], [S_14, S_15, S_13], S_17,

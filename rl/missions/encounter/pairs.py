@@ -1,7 +1,7 @@
 """What happens between an own ship and each other body, by the truth: gaps, roles by the rules, and manoeuvres.
 
-A pair has a role as soon as there is risk of collision: within `notice` seconds of the nearest approach, and closer than
-`clear` there, if both went on. It is latched until they are past and clear (rule 13(d)). With b the bearing of the other,
+A pair has a role as soon as there is risk of collision: within `DETECTED` times `notice` of the nearest approach, and
+closer than `clear` there, if both went on. It is latched until they are past and clear (rule 13(d)). With b the bearing of the other,
 C its course less ours, b' our bearing from it:
 
     overtaking  b' more than 22.5 degrees abaft its beam, |C| <= 67.5, faster than it along our course    (rule 13)
@@ -39,6 +39,7 @@ DEG = math.pi / 180
 FARTHEST = 1e6  # m, gap to nobody
 ACTS = 10.0 * DEG  # change of course that is a manoeuvre; assumed
 SLOWS = 0.2  # share of the speed, likewise
+DETECTED = 2.0  # times `notice` before the nearest approach; assumed
 PAST = 1.0  # of `notice`: longer after the nearest approach, or `clear` apart, a pair is past and clear
 
 
@@ -52,15 +53,15 @@ class Pair(IntEnum):
     """Columns of a pair.
 
     GAP now and LEAST of the episode (m); RISK in [0, 1]; ROLE now. Of the first role of the episode, KIND: RANGE (m,
-    between centres) and COURSE, SPEED of the own ship at the latch, ACTED the range at its first manoeuvre (0: none), STARBOARD,
-    PORT (rad) and SLOWED the greatest changes, EARLY the greatest of them before the middle stage (rad), NEAR the least
+    between centres) and COURSE, SPEED of the own ship at the latch, ACTED the range at its first manoeuvre (0: none), FIRST the change of
+    course then (rad), STARBOARD, PORT (rad) and SLOWED the greatest changes, EARLY the greatest of them before the middle stage (rad), NEAR the least
     gap, NEAR_RANGE the range there, CONTACT and BEARING there (rad: ours from it, it from us).
     """
 
     (
-        GAP, LEAST, RISK, ROLE, KIND, RANGE, COURSE, SPEED, ACTED, STARBOARD, PORT, SLOWED, EARLY, NEAR, NEAR_RANGE, CONTACT,
+        GAP, LEAST, RISK, ROLE, KIND, RANGE, COURSE, SPEED, ACTED, FIRST, STARBOARD, PORT, SLOWED, EARLY, NEAR, NEAR_RANGE, CONTACT,
         BEARING, SIZE,
-    ) = range(18)  # fmt: skip
+    ) = range(19)  # fmt: skip
 
 
 class PairNumbers(NamedTuple):
@@ -148,7 +149,7 @@ def _measure(
                 its_course = ti.atan2(bs, bc)
                 back = within(ti.atan2(-to[1], -to[0]) - its_course)
                 role = ti.cast(pairs[e, i, j, Pair.ROLE], ti.i32)
-                if role == 0 and closing > 0 and closing < g.notice and miss < g.clear:
+                if role == 0 and closing > 0 and closing < ti.static(DETECTED) * g.notice and miss < g.clear:
                     role = role_of(bearing, within(its_course - course), back, speed, its.norm())
                     if role != 0 and pairs[e, i, j, Pair.RANGE] == 0:  # the first encounter of an episode is scored
                         pairs[e, i, j, Pair.RANGE], pairs[e, i, j, Pair.KIND] = far, role
@@ -168,7 +169,7 @@ def _measure(
                     if closing > 0.5 * g.notice:
                         pairs[e, i, j, Pair.EARLY] = ti.max(pairs[e, i, j, Pair.EARLY], ti.abs(turned))
                     if pairs[e, i, j, Pair.ACTED] == 0 and (ti.abs(turned) > ACTS or slowed > SLOWS):
-                        pairs[e, i, j, Pair.ACTED] = far
+                        pairs[e, i, j, Pair.ACTED], pairs[e, i, j, Pair.FIRST] = far, turned
 
 
 class Pairs(Remembers):

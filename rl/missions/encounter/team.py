@@ -1,11 +1,12 @@
 """The own ships: each follows a route by line of sight, and gives way by offsets of course and speed.
 
-A policy's actions are the offsets that SB-MPC (avoidance.py) gives, too: an offset of the course, up to 90 degrees to
-either side, and a factor of the planned speed. The course that the nose is to take is
+A policy's actions are those of SB-MPC (avoidance.py): an offset of the course, up to 90 degrees to either side, and a
+factor of the planned speed; or, with `[TEAM.correction]`, corrections of those that SB-MPC chooses. The course that the nose is to take is
 
-    chi = route - atan(across / lookahead) + offset - crab,
+    chi = route + x - (1 - min(|x| / 15 deg, 1)) atan(across / lookahead) - crab,
 
-with crab the averaged angle between course over ground and heading: what wind, waves and current make of it.
+with x the offset, which suspends the line of sight to the route from 15 degrees on, and crab the averaged angle between
+course over ground and heading: what wind, waves and current make of it.
 """
 
 import math
@@ -16,7 +17,7 @@ from torch import Tensor
 
 from rl.guidance.helm import Helm
 from rl.guidance.targets_and_errors import wrap
-from rl.missions.encounter.avoidance import Plans, SbmpcGains
+from rl.missions.encounter.avoidance import TURN, Plans, SbmpcGains
 from rl.missions.encounter.bodies import Body, Track
 from rl.missions.encounter.config import EncounterConfig, EncounterScenario, EncounterTeam
 from rl.missions.encounter.pairs import Pair, Pairs
@@ -27,9 +28,11 @@ from rl.team import Controller, Host, Team
 from taichi_sim.config.io import validate
 from taichi_sim.kernels.conventions import HORIZONTAL, YAW_RATE
 from taichi_sim.kernels.rotation import torch_heading
+from taichi_sim.state.memory import Remembers
 from taichi_sim.vehicle import Vehicle
 
 MOST_OFFSET = math.pi / 2
+CORRECTIONS = "course (correction)", "speed (correction)"
 CRAB_TIME = 10.0  # s over which the crab angle is averaged; assumed
 UNDERWAY = 0.2  # of the planned speed: a slower vessel has no crab angle
 NEAREST = 3  # tracks that are observed one by one
@@ -62,7 +65,7 @@ class OwnShips(Team[Sea, EncounterTeam]):
     logged = ("least_gap_m", "collided", "across_m")
     meanings = {
         "route": "across over the lookahead, squashed; speed along and across the route over the planned one",
-        "helm": "course to the next point less heading: cosine and sine; yaw rate times 10 s; offsets in force",
+        "helm": "course to the next point less heading: cosine and sine; yaw rate times 10 s; offsets in force, and those of SB-MPC",
         "dangers": "of each candidate offset (SB-MPC's 39), logarithm of 1 + its danger, over 5",
         "gaps": "of each candidate, its least gap to a track, squashed by `clear`",
         "tracks": "of the 3 riskiest tracks: range, bearing, its course over ours, speed, miss and time to it, age, size",
@@ -79,6 +82,7 @@ class OwnShips(Team[Sea, EncounterTeam]):
         self.offsets = self.remember(state.new_tensor([0.0, 1.0]).expand(*state.shape[:2], 2).clone())
         self.before = self.remember(self.offsets.clone())
         self.crab = self.remember(state.new_zeros(state.shape[:2]))
+        self._weighed: tuple[Tensor, Tensor] | None = self.scratch(None)
         self.plans = Plans(validate(SbmpcGains, self.section.control, f"{name}.control"))
 
     # -- guidance --------------------------------------------------------------------------------------------------
@@ -106,6 +110,11 @@ class OwnShips(Team[Sea, EncounterTeam]):
         return self.mission.route[..., 2] - torch.atan(self.across / self.part.lookahead)
 
     @property
+    def courses(self) -> Tensor:
+        """Course of the route, and the one without an offset, rad, [env, own ship, 2]."""
+        return torch.stack((self.mission.route[..., 2], self.course), dim=-1)
+
+    @property
     def here(self) -> Tensor:
         """The own ships as bodies [env, own ship, Body]."""
         return self.mission.bodies[:, : self.fleet.count]
@@ -118,19 +127,53 @@ class OwnShips(Team[Sea, EncounterTeam]):
     def sail(self, offsets: Tensor) -> Tensor:
         """Vehicle actions under offsets [env, own ship, 2] of course (rad) and speed (factor), which are in force then."""
         self.before, self.offsets = self.offsets, offsets
-        return self.helm(wrap(self.course + offsets[..., 0] - self.crab), self.part.speed * offsets[..., 1])
+        route, back = self.courses.unbind(-1)
+        share = (1.0 - offsets[..., 0].abs() / TURN).clamp(min=0.0)
+        course = route + offsets[..., 0] + share * (back - route) - self.crab
+        return self.helm(wrap(course), self.part.speed * offsets[..., 1])
 
     # -- phases ----------------------------------------------------------------------------------------------------
 
     @property
     def action_names(self) -> tuple[str, ...]:
-        """Offsets of course, over 90 degrees, to starboard positive; of speed: 0 and above is the planned one."""
-        return "course", "speed"
+        """Offset of course, over 90 degrees, to starboard positive, and of speed, where 0 and above is the planned one; or
+        corrections, over the most.
+        """
+        return ("course", "speed") if self.section.correction is None else CORRECTIONS
+
+    @property
+    def uses_controller(self) -> bool:
+        """Whether the controller has been made, or is corrected."""
+        return super().uses_controller or self.section.correction is not None
 
     def commanded(self, action: Tensor) -> Tensor:
         """See `sail`."""
-        course, speed = action.unbind(-1)
-        return self.sail(torch.stack((MOST_OFFSET * course, (1.0 + speed).clamp(0.0, 1.0)), dim=-1))
+        correction = self.section.correction
+        if correction is None:
+            course, speed = action.unbind(-1)
+            return self.sail(torch.stack((MOST_OFFSET * course, (1.0 + speed).clamp(0.0, 1.0)), dim=-1))
+        most = action.new_tensor([math.radians(correction.course_deg), correction.speed])
+        return self.corrected(most * action)
+
+    def corrected(self, correction: Tensor) -> Tensor:
+        """Vehicle actions of SB-MPC, whose offsets are corrected [env, own ship, 2] (rad, share of the planned speed)."""
+        course, speed = (self.weighed[1] + correction).unbind(-1)
+        return self.sail(torch.stack((course.clamp(-math.pi, math.pi), speed.clamp(0.0, 1.0)), dim=-1))
+
+    @property
+    def weighed(self) -> tuple[Tensor, Tensor]:
+        """The candidates, and the offsets that SB-MPC chooses (`Plans`)."""
+        if self._weighed is None:
+            self._weighed = self.plans(self)
+        return self._weighed
+
+    def conclude(self, due: Due) -> None:
+        """Drop what has been weighed, for they know more."""
+        self._weighed = None
+
+    def restored(self) -> None:
+        """Likewise, after a snapshot was restored."""
+        self._weighed = None
 
     def truth(self, due: Due) -> None:
         """Begin without offsets; average the crab angle."""
@@ -179,13 +222,11 @@ class OwnShips(Team[Sea, EncounterTeam]):
     @property
     def plan_names(self) -> tuple[str, ...]:
         """Corrections of the offset of course (rad) and of the factor of speed."""
-        return "course (correction)", "speed (correction)"
+        return CORRECTIONS
 
     def planned(self, correction: Tensor, known: object = None) -> Tensor:
-        """Vehicle actions of SB-MPC, whose offsets are corrected."""
-        assert isinstance(self.controller, Sbmpc)
-        offsets = self.controller.offsets(self) + correction
-        return self.sail(torch.stack((offsets[..., 0], offsets[..., 1].clamp(0.0, 1.0)), dim=-1))
+        """See `corrected`."""
+        return self.corrected(correction)
 
     # -- observations ----------------------------------------------------------------------------------------------
 
@@ -195,12 +236,12 @@ class OwnShips(Team[Sea, EncounterTeam]):
         along, aside = self._on_route(fleet.velocity_n, moved=False)
         off = self.across / part.lookahead
         turn = wrap(self.course - torch_heading(fleet.quaternion_nb))
-        fan, _ = self.plans(self)
+        fan, best = self.weighed
         gaps = fan[..., 1].clamp(min=0.0)
         return {
             "route": torch.stack((off / (1 + off.abs()), along / part.speed, aside / part.speed), dim=-1),
             "helm": torch.cat((turn.cos().unsqueeze(-1), turn.sin().unsqueeze(-1), 10 * fleet.state[..., YAW_RATE:],
-                               self.offsets), dim=-1),
+                               self.offsets, best), dim=-1),
             "dangers": torch.log1p(fan[..., 0]) / 5.0,
             "gaps": gaps / (gaps + part.clear),
             "tracks": self._tracks(),
@@ -243,7 +284,7 @@ class OwnShips(Team[Sea, EncounterTeam]):
         return torch.cat(parts, dim=-1)
 
 
-class Sbmpc:
+class Sbmpc(Remembers):
     """SB-MPC as a classical controller of own ships."""
 
     Gains = SbmpcGains

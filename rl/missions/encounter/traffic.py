@@ -128,7 +128,7 @@ def _sail(
             for c in range(CANDIDATES):
                 cost = effort(c, held_x, held_P, g)
                 if cost < least:
-                    worst, _ = danger_of(c, here, now, length, course, planned, tracks, e, k, g)
+                    worst, _ = danger_of(c, here, now, length, course, course, planned, tracks, e, k, g)
                     if cost + worst < least:
                         least, best = cost + worst, c
             x, P = offset_of(best)
