@@ -60,7 +60,7 @@ def test_a_stage_of_a_scripted_team_is_refused(scenario):
 
 
 def test_missions_are_found_by_name():
-    assert shipped() == ("escort", "formation", "landing", "station")
+    assert shipped() == ("encounter", "escort", "formation", "landing", "station")
     assert find_mission("formation") is Formation
 
 

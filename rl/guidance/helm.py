@@ -1,7 +1,7 @@
 """A helm: holds vessels of any model on ordered courses at ordered speeds.
 
-Vessels with a classical controller (controllers/) sail by its inner loops. Vessels that are steered by rudders (`Vessel.
-steer`) sail by a course autopilot with rate feedback, and revolutions in proportion to the speed:
+Vessels with a classical controller (controllers/) sail by its inner loops. Vessels that are steered by rudders
+(`Vessel. steer`) sail by a course autopilot with rate feedback, and revolutions in proportion to the speed:
 
     delta = e - T r,   T = `RATE_TIME` L / U (Fossen 2021, Handbook of Marine Craft Hydrodynamics and Motion Control,
     ch. 15.3: a PD heading autopilot; its gain of 1 rad of rudder per rad is usual for ships).
@@ -60,14 +60,14 @@ class Helm(Remembers):
         self._loops = self.remember(found if isinstance(found, CourseController) else None)
         if self._loops is None and (not isinstance(model, Vessel) or model.helm_max is None):
             raise ControllerError(
-                f"{key}: no vessel that holds a course: name one with a rudder, or with thrusters that drive and turn it"
+                f"{key}: no vessel that holds a course: name one with a rudder, or thrusters that drive and turn it"
             )
 
     def __call__(self, course: Tensor, speed: Tensor) -> Tensor:
         """Actions [env, vehicle, a] for courses (rad, of the nose) and speeds (m/s) [env, vehicle]."""
         if self._loops is not None:
             wanted = speed.unsqueeze(-1) * torch.stack((course.cos(), course.sin()), dim=-1)
-            return self._loops.act(self._alone, CourseCommand(wanted, torch.zeros_like(wanted)))
+            return self._loops.act(self._alone, CourseCommand(wanted, torch.zeros_like(wanted)))  # pyright: ignore
         fleet, model = self._fleet, self._fleet.model
         assert isinstance(model, Vessel) and model.helm_max is not None
         u = fleet.velocity_b[..., 0].clamp(min=0.1 * model.limits.speeds[2])

@@ -22,17 +22,16 @@ from taichi_sim.kernels import runtime
 from taichi_sim.kernels.runtime import array2
 
 CALM = ("sea.hs=0", "sea.components=1", "sea.realisations=1", "sea.current.speed=0", "air.speed=0", "vary={}")
-EXACT = ("ais.loss=0", "ais.place_noise=0", "ais.speed_noise=0", "ais.carried=1", "radar.misses=0", "radar.range_noise=0",
-         "radar.range_share=0", "radar.bearing_noise_deg=0", "radar.period=1")  # fmt: skip
+EXACT = ("ais.loss=0", "ais.place_noise=0", "ais.speed_noise=0", "ais.carried=1", "radar.misses=0",
+         "radar.range_noise=0", "radar.range_share=0", "radar.bearing_noise_deg=0", "radar.period=1")  # fmt: skip
 
 
 @ti.kernel
 def _gaps(out: array2, a: array2, b: array2):
     for n in range(a.shape[0]):
         at, to = ti.Vector([a[n, 0], a[n, 1]]), ti.Vector([b[n, 0], b[n, 1]])
-        out[n, 0] = rectangle_gap(
-            at, ti.cos(a[n, 2]), ti.sin(a[n, 2]), a[n, 3], a[n, 4], to, ti.cos(b[n, 2]), ti.sin(b[n, 2]), b[n, 3], b[n, 4]
-        )
+        ac, as_, bc, bs = ti.cos(a[n, 2]), ti.sin(a[n, 2]), ti.cos(b[n, 2]), ti.sin(b[n, 2])
+        out[n, 0] = rectangle_gap(at, ac, as_, a[n, 3], a[n, 4], to, bc, bs, b[n, 3], b[n, 4])
 
 
 def _boundary(row, points=400):
@@ -68,7 +67,7 @@ def test_a_steered_ship_turns_and_stops_as_its_file_says():
     bench.fleet.state[..., 7] = top
     bench.fleet.update()
     places = []
-    for k in range(3000):
+    for _ in range(3000):
         heading = 2 * math.atan2(float(bench.state[0, 0, 6]), float(bench.state[0, 0, 3]))
         bench.step((math.remainder(heading + 1.5, 2 * math.pi) / math.pi, 1.0))
         places.append(bench.state[0, 0, :2].clone())
@@ -280,9 +279,9 @@ REFUSED = {
 
 @pytest.mark.parametrize("override", REFUSED)
 def test_refusals_name_the_key(override):
+    short = ("encounter.tcpa=[10,12]",) if "length" in override else ()
     with pytest.raises(UserError, match=REFUSED[override].replace(".", r"\.")):
-        make_mission(load_scenario("encounter", (override, "encounter.tcpa=[10,12]") if "length" in override else (override,)),
-                     2, seed=1)  # fmt: skip
+        make_mission(load_scenario("encounter", (override, *short)), 2, seed=1)
 
 
 def test_own_ships_may_be_steered_by_rudders_and_by_nobody_else():

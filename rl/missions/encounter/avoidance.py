@@ -9,10 +9,11 @@ straight on:
     R_i = max_t (safe / d)^sharpness T / t  where d < safe, else 0;    C_i = collision |v - v_i|^2 / U^2
     mu_i = 1 where d < close and the other is to starboard, and we meet head-on or cross (rules 14 and 15)
 
-with P', x' those in force, U the planned speed. Unlike the paper, t and speeds are dimensionless (T, U), so that one set
-of numbers serves boats and ships; d is the gap from a circle about the own hull to the other's hull, a capsule, and is
-taken where straight lines are nearest, in `SAMPLES` moments; and the vessel's turn is taken into account by its lag: a
-change of velocity begins (v - v') lag further on (acceleration-velocity obstacles, van den Berg et al. 2011, ICRA).
+with P', x' those in force, U the planned speed. Unlike the paper, t and speeds are dimensionless (T, U), so that one
+set of numbers serves boats and ships; d is the gap from a circle about the own hull to the other's hull, a capsule,
+and is taken where straight lines are nearest, in `SAMPLES` moments; and the vessel's turn is taken into account by
+its lag: a change of velocity begins (v - v') lag further on (acceleration-velocity obstacles, van den Berg et al.
+2011, ICRA).
 
 With l the direction to the other, it is to starboard where v x l > 0; we meet head-on or cross where v.v_i < cos 68.5
 |v||v_i|, a condition that head-on courses meet, too, and that one who overtakes does not.

@@ -1,4 +1,4 @@
-"""Own ships and ships of traffic as hulls in the plane: rectangles, their gaps, and their tracks as others know them."""
+"""Own ships and ships of traffic as hulls in the plane: rectangles, their gaps, and their tracks as others know."""
 
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false
@@ -75,7 +75,8 @@ def spans(d, c, s, length, beam):
 def rectangle_gap(a, ac, as_, al, ab, b, bc, bs, bl, bb):
     """Gap (m) between two rectangles: 0 where they touch or overlap.
 
-    Two convex bodies that do not overlap are nearest at a corner of one of them; they overlap if no side separates them.
+    Two convex bodies that do not overlap are nearest at a corner of one of them; they overlap if no side separates
+    them.
     """
     gap = a[0] * 0.0 + 1e9
     for k in ti.static(range(4)):

@@ -16,9 +16,9 @@ MOST_SHIPS = 16  # of traffic, among the random numbers
 class BehavioursConfig(Strict):
     """`[encounter.behaviours]`: shares of ships that do so, as the danger of a collision with an own ship is near.
 
-    keeps: its course and speed, whatever happens. obeys: SB-MPC (avoidance.py) by what it senses. late: the same when it
-    is almost too late. port: turns to port. stops: it stops. weaves: changes course at random; no shipped policy was
-    trained with it.
+    keeps: its course and speed, whatever happens. obeys: SB-MPC (avoidance.py) by what it senses. late: the same when
+    it is almost too late. port: turns to port. stops: it stops. weaves: changes course at random; no shipped policy
+    was trained with it.
     """
 
     keeps: NonNegative = 0.3
@@ -64,7 +64,7 @@ class EncounterConfig(Strict):
     speed: Annotated[Positive, Plausible(0.2, 30.0, "m/s")] = 2.0  # of the own ship along its route
     tcpa: Span = (60.0, 150.0)  # s from the beginning to the meeting
     aim: Annotated[NonNegative, Plausible(0.1, 5000.0, "m")] = 20.0  # standard deviation of a ship's miss
-    course_deg: Annotated[NonNegative, Plausible(0.1, 45.0, "deg")] = 5.0  # the most that a drawn course is off its kind
+    course_deg: Annotated[NonNegative, Plausible(0.1, 45.0, "deg")] = 5.0  # the most that a course is off its kind
     clear: Annotated[Positive, Plausible(0.5, 5000.0, "m")] = 40.0  # a gap that is safe
     near: Annotated[Positive, Plausible(0.2, 5000.0, "m")] = 15.0  # a gap that is a near miss
     notice: Annotated[Positive, Plausible(5.0, 5000.0, "s")] = 90.0  # before a meeting at which ships (and rules) begin
@@ -159,9 +159,7 @@ class EncounterScenario(Scenario):
                 yield f"encounter.{key} = {name!r}: there is no such team; there are {', '.join(map(repr, self.teams))}"
                 return
         if self.teams[part.traffic].script is None:
-            yield (
-                f'{part.traffic}.script: the ships need one, such as "rl.missions.encounter.traffic:Traffic"'
-            )
+            yield (f'{part.traffic}.script: the ships need one, such as "rl.missions.encounter.traffic:Traffic"')
         count = self.teams[part.traffic].count
         if not part.ships[1] <= count <= MOST_SHIPS:
             yield (

@@ -55,9 +55,10 @@ def chart(episode: Episode, config: EncounterScenario) -> Figure:
         above.plot(east, north, color=blue, linewidth=1.8)
         above.plot(east[::step], north[::step], "o", color=blue, markersize=4)
         for frame in range(0, len(north), step):
-            above.annotate(f"{episode.time_s[frame] - episode.time_s[0]:.0f} s", (east[frame], north[frame]), fontsize=7,
-                           color=INK, xytext=(4, 2), textcoords="offset points")  # fmt: skip
-    shown.insert(0, Line2D([], [], color=rgb(episode.liveries[config.encounter.own].of(0)), label="own ship", linewidth=2))
+            text, at = f"{episode.time_s[frame] - episode.time_s[0]:.0f} s", (east[frame], north[frame])
+            above.annotate(text, at, fontsize=7, color=INK, xytext=(4, 2), textcoords="offset points")
+    blue = rgb(episode.liveries[config.encounter.own].of(0))
+    shown.insert(0, Line2D([], [], color=blue, label="own ship", linewidth=2))
     above.legend(handles=shown, fontsize=8, frameon=False)
     centre = own.position_n[:, 0, :2].mean(axis=0)
     reach = 1.3 * np.abs(own.position_n[:, 0, :2] - centre).max() + config.encounter.clear

@@ -1,4 +1,6 @@
-"""Drawings of encounters in recordings: hulls in the colours of their roles, safety domains, tracks as known, the route."""
+"""Drawings of encounters in recordings: hulls in the colours of their roles, safety domains, tracks as known, the
+route.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +43,8 @@ def overlays_of(teams: OwnShips, bodies: Tensor, pairs: Pairs, route: Tensor, en
     flat = np.zeros((1, len(now), 3))
     place, velocity = flat.copy(), flat.copy()
     place[0, :, :2], velocity[0, :, :2] = now[:, : Body.V_NORTH], VECTOR * now[:, Body.V_NORTH : Body.COS]
-    drawn.append(Arrows(name=f"velocity times {VECTOR:.0f} s", colour=(210, 215, 225), origin_n=place, vector_n=velocity))
+    name = f"velocity times {VECTOR:.0f} s"
+    drawn.append(Arrows(name=name, colour=(210, 215, 225), origin_n=place, vector_n=velocity))
     domain = np.stack((now[:, Body.LENGTH] / 2 + part.clear, now[:, Body.BEAM] / 2 + part.clear, np.ones(len(now))), -1)
     heading = np.arctan2(now[:, Body.SIN], now[:, Body.COS])
     drawn.append(Ellipsoids(name="safety domains", colour=DOMAIN, position_n=place[:, count:],

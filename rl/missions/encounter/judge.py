@@ -1,10 +1,10 @@
 """Measurements of encounters: collisions, gaps, scores after Woerner, delay, wrong sides.
 
 A score judges one encounter, from the latch of its role to the nearest approach (pairs.py); after K. Woerner (2016),
-Multi-contact protocol-constrained collision avoidance for autonomous marine vehicles (thesis, MIT), and K. Woerner, M.
-Benjamin, M. Novitzky & J. Leonard (2019), Quantifying protocol evaluation for autonomous collision avoidance, Autonomous
-Robots 43, 967-991. Ours differ: gaps are between hulls, and angles have the signs below. With r the least gap, a our
-bearing from the other and b its bearing from us there (to starboard positive), cut(x) = min(|x|, 90 deg):
+Multi-contact protocol-constrained collision avoidance for autonomous marine vehicles (thesis, MIT), and K. Woerner,
+M. Benjamin, M. Novitzky & J. Leonard (2019), Quantifying protocol evaluation for autonomous collision avoidance,
+Autonomous Robots 43, 967-991. Ours differ: gaps are between hulls, and angles have the signs below. With r the least
+gap, a our bearing from the other and b its bearing from us there (to starboard positive), cut(x) = min(|x|, 90 deg):
 
     S_r = 1 (r >= clear), 1 - 0.4 (clear - r) / (clear - near), 0.6 r / near (r < near)
     S_T = (1 - cos cut(a)) (1 - cos cut(b)),   S = (S_r + S_T) / 2
@@ -14,8 +14,8 @@ bearing from the other and b its bearing from us there (to starboard positive), 
     S_16 = S (1 - P_delay) (1 - P_na),   S_15 = S_16 - 0.5 [-25 < a < 165 deg],   S_13 = S_16 - 0.3 [|a| < 45 deg]
     S_17 = S (1 - (early change - 10 deg) / 20 deg), times 0.7 with a turn to port
 
-each limited to [0, 1]; S_14 is of head-on encounters, S_15 of crossings in which the own ship gives way, S_13 of those in
-which it overtakes, S_17 of all in which it stands on.
+each limited to [0, 1]; S_14 is of head-on encounters, S_15 of crossings in which the own ship gives way, S_13 of
+those in which it overtakes, S_17 of all in which it stands on.
 """
 
 from collections.abc import Sequence
@@ -44,15 +44,16 @@ class EncounterJudge(Judge[Judged, EncounterScenario]):
     """Measures encounters of the own ships."""
 
     definitions = {
-        "success_rate": "fraction of episodes without a collision, in which no gap was below encounter.near, and nobody "
-        "was lost",
+        "success_rate": "fraction of episodes without a collision, in which no gap was below encounter.near, and "
+        "nobody was lost",
         **COMMON,
         "near_misses": "fraction of episodes in which a gap was below encounter.near",
         "least_gap_m": "least gap to any hull in an episode, 5th percentile of episodes",
         "score": "mean score after Woerner of all encounters",
         **{f"{rule}_score": f"the same of {rule.replace('_', ' ')}" for rule in RULES},
         "delay": "share of the planned way along the route that was not made good, mean",
-        "wrong_side": "share of head-on and give-way encounters in which the first manoeuvre is a turn to port of 10 degrees",
+        "wrong_side": "share of head-on and give-way encounters in which the first manoeuvre is a turn to port of 10 "
+        "degrees",
         "early": "share of stand-on encounters with a change of course of more than 10 degrees before the middle stage",
         "unseen": "share of encounters in which the own ship gives way with no change of course of 10 degrees nor of "
         "a fifth of the speed",
@@ -120,6 +121,7 @@ class EncounterJudge(Judge[Judged, EncounterScenario]):
     @classmethod
     def pooled(cls, episodes: Episodes) -> dict[str, NDArray[np.float64]]:
         """Compute the figures of sets of episodes."""
+
         def share(part: str, whole: str) -> NDArray[np.float64]:
             n = episodes[whole].sum(-1)
             return np.where(n > 0, episodes[part].sum(-1) / np.maximum(n, 1), np.nan)

@@ -1,8 +1,9 @@
 """Encounters: own ships keep their routes among ships that keep, obey or break the rules of the road (COLREGs).
 
-An episode begins with an own ship on a straight route, and 1 to 16 ships that it will meet if all go on (situations.py).
-Ships are a scripted team (traffic.py). Own ships know them by AIS and radar (sensing.py); roles by the rules are latched,
-and gaps measured between rectangles (pairs.py). An episode ends at a collision, or when its time is up.
+An episode begins with an own ship on a straight route, and 1 to 16 ships that it will meet if all go on
+(situations.py). Ships are a scripted team (traffic.py). Own ships know them by AIS and radar (sensing.py); roles by
+the rules are latched, and gaps measured between rectangles (pairs.py). An episode ends at a collision, or when its
+time is up.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,8 @@
 """What happens between an own ship and each other body, by the truth: gaps, roles by the rules, and manoeuvres.
 
 A pair has a role as soon as there is risk of collision: within `DETECTED` times `notice` of the nearest approach, and
-closer than `clear` there, if both went on. It is latched until they are past and clear (rule 13(d)). With b the bearing of the other,
-C its course less ours, b' our bearing from it:
+closer than `clear` there, if both went on. It is latched until they are past and clear (rule 13(d)). With b the
+bearing of the other, C its course less ours, b' our bearing from it:
 
     overtaking  b' more than 22.5 degrees abaft its beam, |C| <= 67.5, faster than it along our course    (rule 13)
     overtaken   the same of it
@@ -10,13 +10,13 @@ C its course less ours, b' our bearing from it:
     give way    it crosses from starboard, 0 <= b <= 112.5                                                (rule 15, 16)
     stand on    it crosses from port                                                                      (rule 17)
 
-(Xu et al. 2020 has 5 degrees for head-on; "when in doubt", rule 14(c), it is head-on.) Courses are headings, averaged over
-`STEADY` against waves; those that count are from the latch to the nearest approach. Gaps between rectangles are taken in
-`MOMENTS` moments of a decision.
+(Xu et al. 2020 has 5 degrees for head-on; "when in doubt", rule 14(c), it is head-on.) Courses are headings, averaged
+over `STEADY` against waves; those that count are from the latch to the nearest approach. Gaps between rectangles are
+taken in `MOMENTS` moments of a decision.
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOptionalCall=false
 
 import math
 from enum import IntEnum
@@ -53,14 +53,15 @@ class Pair(IntEnum):
     """Columns of a pair.
 
     GAP now and LEAST of the episode (m); RISK in [0, 1]; ROLE now. Of the first role of the episode, KIND: RANGE (m,
-    between centres) and COURSE, SPEED of the own ship at the latch, ACTED the range at its first manoeuvre (0: none), FIRST the change of
-    course then (rad), STARBOARD, PORT (rad) and SLOWED the greatest changes, EARLY the greatest of them before the middle stage (rad), NEAR the least
-    gap, NEAR_RANGE the range there, CONTACT and BEARING there (rad: ours from it, it from us).
+    between centres) and COURSE, SPEED of the own ship at the latch, ACTED the range at its first manoeuvre (0: none),
+    FIRST the change of course then (rad), STARBOARD, PORT (rad) and SLOWED the greatest changes, EARLY the greatest
+    of them before the middle stage (rad), NEAR the least gap, NEAR_RANGE the range there, CONTACT and BEARING there
+    (rad: ours from it, it from us).
     """
 
     (
-        GAP, LEAST, RISK, ROLE, KIND, RANGE, COURSE, SPEED, ACTED, FIRST, STARBOARD, PORT, SLOWED, EARLY, NEAR, NEAR_RANGE, CONTACT,
-        BEARING, SIZE,
+        GAP, LEAST, RISK, ROLE, KIND, RANGE, COURSE, SPEED, ACTED, FIRST, STARBOARD, PORT, SLOWED, EARLY, NEAR,
+        NEAR_RANGE, CONTACT, BEARING, SIZE,
     ) = range(19)  # fmt: skip
 
 
@@ -184,7 +185,8 @@ class Pairs(Remembers):
         self.table = self.remember(bodies.new_zeros((bodies.shape[0], own, bodies.shape[1], Pair.SIZE)))
         self.steady = self.remember(bodies.new_zeros((bodies.shape[0], own, 3)))
         part = config.encounter
-        self._numbers = bodies.new_tensor(PairNumbers(config.decision_interval, part.clear, part.notice, 4 * part.clear))
+        numbers = PairNumbers(config.decision_interval, part.clear, part.notice, 4 * part.clear)
+        self._numbers = bodies.new_tensor(numbers)
         self._launch = runtime.Launcher(_measure, plain=True, few=runtime.MEDIUM)
 
     def measure(self, bodies: Tensor, before: Tensor, due: Due) -> None:

@@ -1,22 +1,22 @@
-"""What an own ship knows of others: reports by AIS, echoes of a radar, and a Kalman filter of constant velocity over both.
+"""What an own ship knows of others: reports by AIS, echoes of a radar, and a Kalman filter of constant velocity over
+both.
 
-A ship with AIS reports place, course, speed and size at the cadence of its class and speed (ITU-R M.1371): class A every
-10 s up to 14 kn, every 6 s up to 23 kn, every 2 s above, three times as often while it turns; class B every 30 s from 2
-kn, 15 s from 14 kn, 5 s above 23 kn; every 3 minutes at rest. A report is a decision old, may be lost, and has errors. A
-radar scans every `period`, sees all within its range except what it misses, and has errors of range and bearing. Each
-track is extrapolated to the present (Bar-Shalom, Li & Kirubarajan 2001, ch. 6.3: white acceleration, one covariance for
-both axes) and outlives its measurements by `forget`. The size of a ship without AIS is taken to be `UNKNOWN`. Identity
-is exact. Random numbers are counted (kernels/random.py). Frame: NED.
+A ship with AIS reports place, course, speed and size at the cadence of its class and speed (ITU-R M.1371): class A
+every 10 s up to 14 kn, every 6 s up to 23 kn, every 2 s above, three times as often while it turns; class B every 30
+s from 2 kn, 15 s from 14 kn, 5 s above 23 kn; every 3 minutes at rest. A report is a decision old, may be lost, and
+has errors. A radar scans every `period`, sees all within its range except what it misses, and has errors of range and
+bearing. Each track is extrapolated to the present (Bar-Shalom, Li & Kirubarajan 2001, ch. 6.3: white acceleration,
+one covariance for both axes) and outlives its measurements by `forget`. The size of a ship without AIS is taken to be
+`UNKNOWN`. Identity is exact. Random numbers are counted (kernels/random.py). Frame: NED.
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOptionalCall=false
 
 import math
 from typing import NamedTuple
 
 import taichi as ti
-import torch
 from torch import Tensor
 
 from rl.missions.encounter.bodies import Body, Track
@@ -89,8 +89,9 @@ def corrected(track, at, variance, g: ti.template()):
         track[Track.V_NORTH], track[Track.V_EAST] = 0.0, 0.0
         track[Track.P_PP], track[Track.P_PV], track[Track.P_VV] = variance, 0.0, g.speed * g.speed
     else:
-        place, fast = track[Track.P_PP] / (track[Track.P_PP] + variance), track[Track.P_PV] / (
-            track[Track.P_PP] + variance
+        place, fast = (
+            track[Track.P_PP] / (track[Track.P_PP] + variance),
+            track[Track.P_PV] / (track[Track.P_PP] + variance),
         )
         for a in ti.static(range(2)):
             off = at[a] - track[a]

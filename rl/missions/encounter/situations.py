@@ -81,12 +81,14 @@ def from_table(config: EncounterScenario, cases: Tensor, bodies: int, generator:
 
 
 def drawn(
-    config: EncounterScenario, n: int, sizes: Tensor, tops: Tensor, own: int, current: Tensor, generator: torch.Generator
-) -> Situation:
+    config: EncounterScenario, n: int, sizes: Tensor, tops: Tensor, own: int, current: Tensor,
+    generator: torch.Generator,
+) -> Situation:  # fmt: skip
     """Draw `n` situations.
 
     Args:
-        config: the scenario. n: how many. sizes, tops: length (m) and top speed (m/s) [n, 1 + body], the first own ship's
+        config: the scenario. n: how many. sizes, tops: length (m) and top speed (m/s) [n, 1 + body], the first own
+        ship's
             first. own: further own ships among the bodies, which come first; they go at their planned speed.
         current: [n, 2], m/s, which ships of traffic do not compensate. generator: of the draws.
 
@@ -106,10 +108,11 @@ def drawn(
     for _ in range(TRIES):
         u = torch.rand((n, bodies, 4), generator=generator, dtype=torch.float64)
         miss = torch.randn((n, bodies), generator=generator, dtype=torch.float64)
-        kind = torch.multinomial(shares.expand(n * bodies, -1), 1, replacement=True, generator=generator).view(n, bodies)
+        kind = torch.multinomial(shares, n * bodies, replacement=True, generator=generator).view(n, bodies)
         time = part.tcpa[0] + (part.tcpa[1] - part.tcpa[0]) * u[..., 0]
         side, off = torch.where(u[..., 1] < 0.5, -1.0, 1.0), (2 * u[..., 1]).remainder(1.0)
-        turn = torch.where(kind == 0, 180.0 - part.course_deg * off, torch.where(kind == 1, 67.5 + 102.5 * off, 60 * off))
+        turn = torch.where(kind == 1, 67.5 + 102.5 * off, 60.0 * off)  # deg, of its course over ours
+        turn = torch.where(kind == 0, 180.0 - part.course_deg * off, turn)
         fast = tops[:, 1:] * (0.4 + 0.6 * u[..., 2])
         fast = torch.where(kind == 2, part.speed * (0.3 + 0.4 * u[..., 2]), fast)
         fast = torch.where(kind == 3, part.speed * (1.3 + 1.7 * u[..., 2]), fast)
@@ -136,9 +139,7 @@ def drawn(
     )
 
 
-def _sails_away(
-    config: EncounterScenario, begun: Situation, there: Tensor, generator: torch.Generator
-) -> Situation:
+def _sails_away(config: EncounterScenario, begun: Situation, there: Tensor, generator: torch.Generator) -> Situation:
     """The situation, in which bodies that are not `there` [n, body] sail away from far off, anywhere."""
     part = config.encounter
     course = 2 * math.pi * torch.rand(there.shape, generator=generator, dtype=torch.float64)

@@ -1,7 +1,8 @@
 """The own ships: each follows a route by line of sight, and gives way by offsets of course and speed.
 
 A policy's actions are those of SB-MPC (avoidance.py): an offset of the course, up to 90 degrees to either side, and a
-factor of the planned speed; or, with `[TEAM.correction]`, corrections of those that SB-MPC chooses. The course that the nose is to take is
+factor of the planned speed; or, with `[TEAM.correction]`, corrections of those that SB-MPC chooses. The course that
+the nose is to take is
 
     chi = route + x - (1 - min(|x| / 15 deg, 1)) atan(across / lookahead) - crab,
 
@@ -65,10 +66,11 @@ class OwnShips(Team[Sea, EncounterTeam]):
     logged = ("least_gap_m", "collided", "across_m")
     meanings = {
         "route": "across over the lookahead, squashed; speed along and across the route over the planned one",
-        "helm": "course to the next point less heading: cosine and sine; yaw rate times 10 s; offsets in force, and those of SB-MPC",
+        "helm": "course to the next point less heading: cosine and sine; yaw rate times 10 s; offsets in force, and "
+        "those of SB-MPC",
         "dangers": "of each candidate offset (SB-MPC's 39), logarithm of 1 + its danger, over 5",
         "gaps": "of each candidate, its least gap to a track, squashed by `clear`",
-        "tracks": "of the 3 riskiest tracks: range, bearing, its course over ours, speed, miss and time to it, age, size",
+        "tracks": "of the 3 riskiest tracks: range, bearing, velocity ahead and aside, miss and time to it, age, size",
     }
 
     def __init__(self, mission: Sea, name: str):
@@ -83,7 +85,7 @@ class OwnShips(Team[Sea, EncounterTeam]):
         self.before = self.remember(self.offsets.clone())
         self.crab = self.remember(state.new_zeros(state.shape[:2]))
         self._weighed: tuple[Tensor, Tensor] | None = self.scratch(None)
-        self.plans = Plans(validate(SbmpcGains, self.section.control, f"{name}.control"))
+        self.plans = Plans(validate(SbmpcGains, {**self.section.control}, f"{name}.control"))
 
     # -- guidance --------------------------------------------------------------------------------------------------
 
@@ -125,7 +127,9 @@ class OwnShips(Team[Sea, EncounterTeam]):
         return self.tracking.tracks
 
     def sail(self, offsets: Tensor) -> Tensor:
-        """Vehicle actions under offsets [env, own ship, 2] of course (rad) and speed (factor), which are in force then."""
+        """Vehicle actions under offsets [env, own ship, 2] of course (rad) and speed (factor), which are in force
+        then.
+        """
         self.before, self.offsets = self.offsets, offsets
         route, back = self.courses.unbind(-1)
         share = (1.0 - offsets[..., 0].abs() / TURN).clamp(min=0.0)
@@ -136,8 +140,8 @@ class OwnShips(Team[Sea, EncounterTeam]):
 
     @property
     def action_names(self) -> tuple[str, ...]:
-        """Offset of course, over 90 degrees, to starboard positive, and of speed, where 0 and above is the planned one; or
-        corrections, over the most.
+        """Offset of course, over 90 degrees, to starboard positive, and of speed, where 0 and above is the planned
+        one; or corrections, over the most.
         """
         return ("course", "speed") if self.section.correction is None else CORRECTIONS
 
@@ -156,7 +160,9 @@ class OwnShips(Team[Sea, EncounterTeam]):
         return self.corrected(most * action)
 
     def corrected(self, correction: Tensor) -> Tensor:
-        """Vehicle actions of SB-MPC, whose offsets are corrected [env, own ship, 2] (rad, share of the planned speed)."""
+        """Vehicle actions of SB-MPC, whose offsets are corrected [env, own ship, 2] (rad, share of the planned
+        speed).
+        """
         course, speed = (self.weighed[1] + correction).unbind(-1)
         return self.sail(torch.stack((course.clamp(-math.pi, math.pi), speed.clamp(0.0, 1.0)), dim=-1))
 
@@ -264,10 +270,11 @@ class OwnShips(Team[Sea, EncounterTeam]):
         ahead_of, beside = (c * to[..., 0] + s * to[..., 1]) / far, (c * to[..., 1] - s * to[..., 0]) / far
         u, v = c * its[..., 0] + s * its[..., 1], c * its[..., 1] - s * its[..., 0]
         reach = part.speed * part.notice
+        length, soon = tracks[..., Track.LENGTH], time.clamp(-part.notice, 3 * part.notice) / part.notice
+        close = part.clear / (part.clear + miss.clamp(min=0.0))
         rows = torch.stack(
-            (reach / (reach + far), ahead_of, beside, u / part.speed, v / part.speed, part.clear / (
-                part.clear + miss.clamp(min=0.0)), time.clamp(-part.notice, 3 * part.notice) / part.notice,
-             tracks[..., Track.AGE] / 60.0, tracks[..., Track.LENGTH] / (tracks[..., Track.LENGTH] + part.clear)), dim=-1,
+            (reach / (reach + far), ahead_of, beside, u / part.speed, v / part.speed, close, soon,
+             tracks[..., Track.AGE] / 60.0, length / (length + part.clear)), dim=-1,
         )  # fmt: skip
         found = rows.gather(2, which.unsqueeze(-1).expand(*which.shape, PER_TRACK))
         found = torch.where((most > 0).unsqueeze(-1), found, 0.0).flatten(2)

@@ -1,9 +1,9 @@
 """Ships of traffic: a script that keeps, obeys or breaks the rules.
 
-A ship keeps its course and speed until it is in danger of a collision with an own ship: nearest approach within `notice`
-seconds, and closer than `clear`. In that moment it draws what it will do (`[encounter.behaviours]`); what it does at
-random afterwards, too, is drawn as it happens. So all is decided by counted noise, and the future of an encounter can
-branch (rl/evaluation/odds).
+A ship keeps its course and speed until it is in danger of a collision with an own ship: nearest approach within
+`notice` seconds, and closer than `clear`. In that moment it draws what it will do (`[encounter.behaviours]`); what it
+does at random afterwards, too, is drawn as it happens. So all is decided by counted noise, and the future of an
+encounter can branch (rl/evaluation/odds).
 
     keeps    goes on                        obeys   SB-MPC over all others, every `EVERY` seconds, as it senses them
     late     the same from `LATE` of the notice on
@@ -14,7 +14,7 @@ Write a class of your own, derived from `Script`, for traffic of your own (docs/
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOptionalCall=false, reportArgumentType=false
 
 import math
 from enum import IntEnum
@@ -162,7 +162,7 @@ class Traffic(Script, Remembers):
         bodies = config.teams[part.own].count + self.fleet.count
         self.ships = self.remember(state.new_zeros((*state.shape[:2], Sailing.SIZE)))
         self._tracks = self.scratch(state.new_zeros((*state.shape[:2], bodies, Track.SIZE)))
-        gains = validate(SbmpcGains, config.parts[name].control, f"{name}.control").model_dump()
+        gains = validate(SbmpcGains, {**config.parts[name].control}, f"{name}.control").model_dump()
         manners = Manners(
             config.decision_interval, part.notice, part.clear, float(config.teams[part.own].count), *shares
         )

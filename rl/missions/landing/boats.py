@@ -11,16 +11,14 @@ from torch import Tensor
 
 from rl.guidance.controllers import controller_of
 from rl.guidance.controllers.vessel import CourseCommand, Hull6DofController, Manoeuvring3dofController
-from rl.guidance.targets_and_errors import SLOT_SIZE, TARGET_SIZE, SlotErrors, Target
+from rl.guidance.helm import Alone
 from rl.missions.landing.config import LandingScenario
 from rl.missions.landing.decks import DeckMotion, Decks, deck_motion
 from rl.perception.instruments import Readings
-from rl.perception.sensors import Nearby
 from rl.step import Due
 from rl.team import ControllerError
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.rotation import torch_euler_from_rotation
-from taichi_sim.state.memory import Remembers
 from taichi_sim.vehicle import Vehicle
 from taichi_sim.world import Script, World
 
@@ -96,21 +94,6 @@ class Boats(Decks):
         """What each boat sends about its deck and itself, [env, boat, Message.SIZE]."""
         seen, attitude = self.seen, torch_euler_from_rotation(self.seen.R)
         return torch.cat((seen.place, seen.velocity, self.acceleration, attitude, self.own.angular_velocity_b), dim=-1)
-
-
-class Alone(Remembers):
-    """Knowledge (rl/guidance/knowledge.py) of boats that have no slots, no target, and nobody around."""
-
-    axes, radio = 2, None
-
-    def __init__(self, own: Readings, steps: Tensor):
-        """Know the boats as they measure themselves; `steps` int64 [env], decisions since the episode began."""
-        state = own.state
-        self.fleet, self.steps, self.radius = own, steps, own.model.collision_radius
-        self.now = self.remember(SlotErrors(state, self.axes))
-        self.slot_table = state.new_zeros((*state.shape[:2], SLOT_SIZE))
-        self.target = self.remember(Target(state.new_zeros((len(state), 1, TARGET_SIZE)), self.now.slot[:, 0]))
-        self.sensor = self.remember(Nearby(state, 0, 0, 0.0, self.radius, self.axes))
 
 
 class Helm(Script):

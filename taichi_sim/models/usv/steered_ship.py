@@ -5,10 +5,11 @@ With L the length, U the speed through the water and the ordered course psi* and
     psi' = sat((psi* - psi) / T),  |psi'| <= turn U / L,  T = lag L / U;    U' = (U* - U) / (stop L / U_top),
     U_top = froude sqrt(g L).
 
-`turn` is the yaw rate of a turning circle over U / L, twice the length over the steady diameter. IMO MSC.137(76) demands
-a tactical diameter below 5 L (0.4), and a track reach of a crash stop below 15 L. A speed that falls exponentially
-reaches U stop L / U_top: `stop` lengths from top speed. `lag` is of the order of the time constant T' of Nomoto's
-equation, 0.5 to 3 (Fossen 2021, Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 6.4 and 7.2).
+`turn` is the yaw rate of a turning circle over U / L, twice the length over the steady diameter. IMO MSC.137(76)
+demands a tactical diameter below 5 L (0.4), and a track reach of a crash stop below 15 L. A speed that falls
+exponentially reaches U stop L / U_top: `stop` lengths from top speed. `lag` is of the order of the time constant T'
+of Nomoto's equation, 0.5 to 3 (Fossen 2021, Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 6.4 and
+7.2).
 
 The ship moves with the water, level on its mean surface; waves and wind do not move it.
 """
