@@ -10,7 +10,7 @@ straight on:
     mu_i = 1 where d < close and the other is to starboard, and we meet head-on or cross (rules 14 and 15)
 
 with P', x' those in force, U the planned speed. Unlike the paper, t and speeds are dimensionless (T, U), so that one
-set of numbers serves boats and ships; d is the gap from a circle about the own hull to the other's hull, a capsule,
+set of numbers serves boats and ships; d is the gap from a circle about the shorter hull to the longer, a capsule,
 and is taken where straight lines are nearest, in `SAMPLES` moments; and the vessel's turn is taken into account by
 its lag: a change of velocity begins (v - v') lag further on (acceleration-velocity obstacles, van den Berg et al.
 2011, ICRA).
@@ -64,20 +64,24 @@ class SbmpcGains(Strict):
 
 
 @ti.func
-def danger(start, v, length, tracks: ti.template(), e, i, j, planned, g: ti.template()):
+def danger(start, v, hull, tracks: ti.template(), e, i, j, planned, g: ti.template()):
     """C R + rule mu of track j for a vessel that sails from `start` with velocity v, and the least gap (m)."""
     its = ti.Vector([tracks[e, i, j, Track.V_NORTH], tracks[e, i, j, Track.V_EAST]])
     p = ti.Vector([tracks[e, i, j, Track.NORTH], tracks[e, i, j, Track.EAST]]) - start
     w, long, beam = v - its, tracks[e, i, j, Track.LENGTH], tracks[e, i, j, Track.BEAM]
     speed, own, theirs = ti.sqrt(ti.max(w.dot(w), ti.static(STILL * STILL))), v.norm(), its.norm()
     nearest = ti.min(ti.max(p.dot(w) / (speed * speed), 0.0), g.horizon)
-    size, cost = 0.5 * (length + long), p[0] * 0.0
+    size, cost = 0.5 * (hull[0] + long), p[0] * 0.0
     gap = (p - nearest * w).norm() - size
     if gap < g.close:
+        fore, fast, broad = its, theirs, beam  # of the longer of the two
+        if hull[0] > long:
+            fore, fast, broad, long = v, own, hull[1], hull[0]
         along = ti.Vector([1.0, 0.0])
-        if theirs > STILL:
-            along = its / theirs
-        half, step = 0.5 * (long - beam), (size + g.safe) / (ti.static(SAMPLES // 2) * speed)
+        if fast > STILL:
+            along = fore / fast
+        half, off = 0.5 * (long - broad), 0.5 * broad + size - 0.5 * long
+        step = (size + g.safe) / (ti.static(SAMPLES // 2) * speed)
         across = v.dot(its)
         crossing = across < ti.static(ABEAM_COS) * own * theirs and own > STILL and theirs > STILL
         risk, breaks = cost, cost
@@ -87,7 +91,7 @@ def danger(start, v, length, tracks: ti.template(), e, i, j, planned, g: ti.temp
             r = t * w - p  # own place from the other's
             x, y = r.dot(along), along[0] * r[1] - along[1] * r[0]
             x = ti.max(ti.abs(x) - half, 0.0)
-            d = ti.sqrt(x * x + y * y) - 0.5 * (beam + length)
+            d = ti.sqrt(x * x + y * y) - off
             gap = ti.min(gap, d)
             if d < g.safe:
                 share = g.safe / ti.max(d, NEAREST * g.safe)
@@ -106,7 +110,7 @@ def offset_of(k):
 
 
 @ti.func
-def danger_of(k, here, now, length, route, without, planned, tracks: ti.template(), e, i, g: ti.template()):
+def danger_of(k, here, now, hull, lag, route, without, planned, tracks: ti.template(), e, i, g: ti.template()):
     """Greatest danger of candidate k for a vessel at `here` with velocity `now`, over all tracks, and the least gap.
 
     Its course is `route` with an offset, and `without` one.
@@ -114,10 +118,10 @@ def danger_of(k, here, now, length, route, without, planned, tracks: ti.template
     x, P = offset_of(k)
     course = ti.select(x == 0.0, without, route + x)
     v = P * planned * ti.Vector([ti.cos(course), ti.sin(course)])
-    start, worst, clear = here + g.lag * (now - v), here[0] * 0.0, here[0] * 0.0 + 1e9
+    start, worst, clear = here + lag * (now - v), here[0] * 0.0, here[0] * 0.0 + 1e9
     for j in range(tracks.shape[2]):
         if tracks[e, i, j, Track.AGE] >= 0:
-            cost, gap = danger(start, v, length, tracks, e, i, j, planned, g)
+            cost, gap = danger(start, v, hull, tracks, e, i, j, planned, g)
             worst, clear = ti.max(worst, cost), ti.min(clear, gap)
     return worst, clear
 
@@ -141,10 +145,11 @@ def _weigh(
         g = values_at(kind, numbers)
         here = ti.Vector([bodies[e, i, Body.NORTH], bodies[e, i, Body.EAST]])
         now = ti.Vector([bodies[e, i, Body.V_NORTH], bodies[e, i, Body.V_EAST]])
-        length, least, which = bodies[e, i, Body.LENGTH], here[0] * 0.0 + 1e30, 0
+        hull = ti.Vector([bodies[e, i, Body.LENGTH], bodies[e, i, Body.BEAM]])
+        least, which = here[0] * 0.0 + 1e30, 0
         for k in range(CANDIDATES):
             worst, clear = danger_of(
-                k, here, now, length, courses[e, i, 0], courses[e, i, 1], g.planned, tracks, e, i, g
+                k, here, now, hull, g.lag, courses[e, i, 0], courses[e, i, 1], g.planned, tracks, e, i, g
             )
             fan[e, i, k, 0], fan[e, i, k, 1] = worst, clear
             cost = worst + effort(k, held[e, i, 0], held[e, i, 1], g)

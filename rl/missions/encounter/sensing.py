@@ -29,7 +29,6 @@ from taichi_sim.kernels.runtime import array1, array3, array4, whole1
 from taichi_sim.state.memory import Remembers
 
 KNOT = 1852.0 / 3600.0  # m/s
-UNKNOWN = (50.0, 10.0)  # m, length and beam of a ship that does not tell; assumed
 TURNS_FAST = 0.01  # rad/s: a ship that turns faster reports three times as often; assumed
 NO_AIS = 1e9  # s until the next report
 GATE = 1e-3  # m^2, least variance
@@ -151,7 +150,6 @@ def _sense(
                 there = j != i
                 if which[e] == BEGINS:
                     track[Track.AGE], track[Track.NEXT] = -1.0, NO_AIS
-                    track[Track.LENGTH], track[Track.BEAM] = ti.static(UNKNOWN[0]), ti.static(UNKNOWN[1])
                     if there and u[0] < g.carried:
                         track[Track.NEXT] = u[1] * 10.0
                 elif track[Track.AGE] >= 0:
@@ -167,6 +165,7 @@ def _sense(
                         along = to / ti.max(far, 1e-3)
                         at = here + to + noise * z[0] * along + side * z[1] * ti.Vector([-along[1], along[0]])
                         track = corrected(track, at, 0.5 * (noise * noise + side * side) + GATE, g)
+                        track[Track.LENGTH], track[Track.BEAM] = length, beam
                     track[Track.NEXT] -= g.interval
                     if track[Track.NEXT] < 0:
                         v = ti.Vector([before[e, j, Body.V_NORTH], before[e, j, Body.V_EAST]])

@@ -5,8 +5,10 @@ A ship keeps its course and speed until it is in danger of a collision with an o
 does at random afterwards, too, is drawn as it happens. So all is decided by counted noise, and the future of an
 encounter can branch (rl/evaluation/odds).
 
-    keeps    goes on                        obeys   SB-MPC over all others, every `EVERY` seconds, as it senses them
-    late     the same from `LATE` of the notice on
+    keeps    goes on
+    obeys    gives way by SB-MPC over all others, every `EVERY` seconds, as it senses them; stands on, if the own ship
+             is to port or comes up from astern, until `LATE` of the notice (rule 17(b))
+    late     SB-MPC from then on in any case
     port     turns 30 to 60 degrees to port until they have passed          stops     stops
     weaves   changes course by up to 60 degrees at random times
 
@@ -40,7 +42,9 @@ from taichi_sim.world import Script, World
 EVERY = 10.0  # s between two decisions of a ship that obeys; assumed
 LATE = 0.2  # of the notice
 WEAVE = 30.0  # s between changes of course, on average; assumed
+AHEAD, ABAFT = math.radians(10.0), math.radians(112.5)  # bearings of who has right of way
 PORT, WEAVES = (math.radians(30.0), math.radians(60.0)), math.radians(60.0)
+LAG = 0.7  # L / U, of a ship that changes its velocity, in place of SB-MPC's; assumed
 SEEN_NOISE = 5.0  # m, standard deviation of a place as a ship senses it; assumed
 
 
@@ -85,7 +89,7 @@ def _sail(
         here = ti.Vector([bodies[e, i, Body.NORTH], bodies[e, i, Body.EAST]])
         now = ti.Vector([bodies[e, i, Body.V_NORTH], bodies[e, i, Body.V_EAST]])
         length, course, planned = bodies[e, i, Body.LENGTH], ships[e, k, 0], ti.max(ships[e, k, 1], 0.1)
-        soonest, coming = m.notice * 2, 0
+        soonest, coming, stands = m.notice * 2, 0, 1
         for j in range(own):
             to = ti.Vector([bodies[e, j, Body.NORTH], bodies[e, j, Body.EAST]]) - here
             w = now - ti.Vector([bodies[e, j, Body.V_NORTH], bodies[e, j, Body.V_EAST]])
@@ -93,6 +97,9 @@ def _sail(
             miss = (to - closing * w).norm() - 0.5 * (length + bodies[e, j, Body.LENGTH])
             if closing > 0 and miss < m.clear:
                 coming, soonest = 1, ti.min(soonest, closing)
+                bearing = ti.atan2(now[0] * to[1] - now[1] * to[0], now.dot(to))
+                if bearing > -AHEAD and bearing < ti.static(ABAFT):
+                    stands = 0  # it meets us head-on, from starboard, or is overtaken
         u = uniform4(draws[SEED], TRAFFIC, draws[KEY + e], k, draws[CLOCK])
         behaviour = ti.cast(ships[e, k, Sailing.BEHAVIOUR], ti.i32)
         if behaviour == 0 and coming == 1 and soonest < m.notice:
@@ -105,10 +112,11 @@ def _sail(
             if behaviour == ti.static(int(Behaviour.STOPS)):
                 ships[e, k, Sailing.FACTOR] = 0.0
         ships[e, k, Sailing.WAIT] -= m.interval
-        late = behaviour == ti.static(int(Behaviour.LATE))
-        acts = behaviour == ti.static(int(Behaviour.OBEYS)) or (
-            late and (soonest < LATE * m.notice or ships[e, k, Sailing.OFFSET] != 0.0)
-        )
+        obeys = behaviour == ti.static(int(Behaviour.OBEYS))
+        waits = stands == 1 or behaviour == ti.static(int(Behaviour.LATE))  # rule 17; or too long
+        evades = ships[e, k, Sailing.OFFSET] != 0.0 or ships[e, k, Sailing.FACTOR] != 1.0
+        acts = obeys or behaviour == ti.static(int(Behaviour.LATE))
+        acts = acts and (not waits or evades or soonest < LATE * m.notice)
         if behaviour == ti.static(int(Behaviour.PORT)) and coming == 0:
             ships[e, k, Sailing.OFFSET] = 0.0
         if behaviour == ti.static(int(Behaviour.WEAVES)) and u[3] * WEAVE < m.interval:
@@ -124,11 +132,12 @@ def _sail(
                     tracks[e, k, j, Track.LENGTH + a] = bodies[e, j, Body.LENGTH + a]
                 tracks[e, k, j, Track.AGE] = ti.select(j != i, 0.0, -1.0)
             held_x, held_P = ships[e, k, Sailing.OFFSET], ships[e, k, Sailing.FACTOR]
+            lag, hull = LAG * length / planned, ti.Vector([length, bodies[e, i, Body.BEAM]])
             least, best = length * 0.0 + 1e30, 0
             for c in range(CANDIDATES):
                 cost = effort(c, held_x, held_P, g)
                 if cost < least:
-                    worst, _ = danger_of(c, here, now, length, course, course, planned, tracks, e, k, g)
+                    worst, _ = danger_of(c, here, now, hull, lag, course, course, planned, tracks, e, k, g)
                     if cost + worst < least:
                         least, best = cost + worst, c
             x, P = offset_of(best)
