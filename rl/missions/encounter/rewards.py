@@ -76,13 +76,13 @@ def calm(team: Meeting) -> Tensor:
 
 
 TERMS = {
-    "progress": Term(progress, 0.4),
+    "progress": Term(progress, 0.3),
     "track": Term(track, 0.2),
-    "risk": Term(risk, 0.5),
-    "room": Term(room, 1.5),
-    "near_miss": Term(near_miss, 8.0),
-    "wrong_side": Term(wrong_side, 0.3),
+    "risk": Term(risk, 1.0),
+    "room": Term(room, 3.0),
+    "near_miss": Term(near_miss, 20.0),
+    "wrong_side": Term(wrong_side, 0.5),
     "stand_on": Term(stand_on, 0.2),
     "calm": Term(calm, 0.2),
-    "ending": Term(ending, 100.0),
+    "ending": Term(ending, 200.0),
 }

@@ -6,8 +6,8 @@ every 10 s up to 14 kn, every 6 s up to 23 kn, every 2 s above, three times as o
 s from 2 kn, 15 s from 14 kn, 5 s above 23 kn; every 3 minutes at rest. A report is a decision old, may be lost, and
 has errors. A radar scans every `period`, sees all within its range except what it misses, and has errors of range and
 bearing. Each track is extrapolated to the present (Bar-Shalom, Li & Kirubarajan 2001, ch. 6.3: white acceleration,
-one covariance for both axes) and outlives its measurements by `forget`. The size of a ship without AIS is taken to be
-`UNKNOWN`. Identity is exact. Random numbers are counted (kernels/random.py). Frame: NED.
+one covariance for both axes) and outlives its measurements by `forget`. Reports and echoes tell the
+size of a ship, exactly; its identity is exact, too. Random numbers are counted (kernels/random.py). Frame: NED.
 """
 
 # Kernels are another language inside Python syntax.
