@@ -18,6 +18,7 @@ from rl.guidance.targets_and_errors import SLOT_SIZE, TARGET_SIZE, SlotErrors, T
 from rl.perception.instruments import Readings
 from rl.perception.sensors import Nearby
 from rl.team import ControllerError
+from taichi_sim.errors import refuse
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.conventions import YAW_RATE
 from taichi_sim.kernels.rotation import torch_heading
@@ -47,21 +48,16 @@ class Helm(Remembers):
     """Holds a team of vessels on courses; see the module."""
 
     def __init__(self, fleet: Fleet[Vehicle], steps: Tensor, key: str):
-        """Steer `fleet`; `steps` int64 [env] are the decisions since the episode began, `key` names its vehicle.
-
-        Raises:
-            ControllerError: for a vehicle that nobody can steer so.
-        """
+        """Steer `fleet`; `steps` int64 [env] are the decisions since the episode began, `key` names its vehicle."""
         self._fleet, model = fleet, fleet.model
         self._alone = self.remember(Alone(fleet, steps))
         found = None
         with suppress(ControllerError):
             found = controller_of(model, {}, key)
         self._loops = self.remember(found if isinstance(found, CourseController) else None)
-        if self._loops is None and (not isinstance(model, Vessel) or model.helm_max is None):
-            raise ControllerError(
-                f"{key}: no vessel that holds a course: name one with a rudder, or thrusters that drive and turn it"
-            )
+        rudder = isinstance(model, Vessel) and model.helm_max is not None
+        why = f"{key}: no vessel that holds a course: name one with a rudder, or thrusters that drive and turn it"
+        refuse(ControllerError, (self._loops is None and not rudder, why))
 
     def __call__(self, course: Tensor, speed: Tensor) -> Tensor:
         """Actions [env, vehicle, a] for courses (rad, of the nose) and speeds (m/s) [env, vehicle]."""

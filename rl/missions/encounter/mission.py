@@ -24,6 +24,7 @@ from rl.missions.encounter.team import OwnShips
 from rl.missions.encounter.traffic import Traffic
 from rl.step import Due
 from taichi_sim.config import ConfigError
+from taichi_sim.errors import refuse
 from taichi_sim.fleet import Fleet
 from taichi_sim.vehicle import Vehicle
 from taichi_sim.visualisation.recording.episode import Episode, Scene
@@ -54,8 +55,8 @@ class Encounter(Mission[EncounterScenario, OwnShips]):
         part, teams = self.config.encounter, self.world.teams
         self._own, self._ships = teams[part.own], teams[part.traffic]
         top = self._own.model.limits.speeds[2]
-        if part.speed > top:
-            raise ConfigError(f"encounter.speed = {part.speed:g}: {part.own}'s vehicle can go {top:.3g} m/s")
+        slow = f"encounter.speed = {part.speed:g}: {part.own}'s vehicle can go {top:.3g} m/s"
+        refuse(ConfigError, (part.speed > top, slow))
         self.bodies = self.remember(bodies_of(self._own, self._ships))
         self.before = self.remember(self.bodies.clone())
         self.pairs = self.remember(Pairs(self.config, self.bodies, self._own.count))

@@ -19,6 +19,7 @@ from torch import Tensor
 
 from rl.missions.encounter.config import EncounterScenario
 from taichi_sim.config import ConfigError
+from taichi_sim.errors import refuse
 
 SLOW = 0.7
 FAR = 2.5  # of the own ship's way to a meeting: where ships sail that meet nobody
@@ -131,12 +132,14 @@ def drawn(
         gap.masked_fill_(gone.unsqueeze(1) | gone.unsqueeze(2), math.inf)
         wrong = (gap.triu().masked_fill(torch.ones_like(gap).tril().bool(), math.inf).amin(1) < 0)[:, 1:] & there
         if not wrong.any():
-            return _sails_away(config, Situation(route, place, course, speed), there, generator)
+            break
     longest = float(sizes[:, 1:].max())
-    raise ConfigError(
+    why = (
         f"encounter.tcpa = {list(part.tcpa)}, encounter.speed = {part.speed:g}: ships of up to {longest:.0f} m would "
         f"begin less than encounter.clear = {part.clear:g} m from another: give longer times, or shorter ships"
     )
+    refuse(ConfigError, (wrong.any(), why))
+    return _sails_away(config, Situation(route, place, course, speed), there, generator)
 
 
 def _sails_away(config: EncounterScenario, begun: Situation, there: Tensor, generator: torch.Generator) -> Situation:

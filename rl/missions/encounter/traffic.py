@@ -31,6 +31,7 @@ from rl.missions.encounter.bodies import Body, Track, sizes_of
 from rl.missions.encounter.config import BehavioursConfig, EncounterScenario
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import validate
+from taichi_sim.errors import refuse
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import struct_of, values_at
 from taichi_sim.kernels.random import CLOCK, KEY, SEED, TRAFFIC, normal6, uniform4
@@ -160,13 +161,14 @@ class Traffic(Script, Remembers):
         """Command team `name`, of steered ships."""
         super().__init__(world, name)
         config, self.fleet = world.config, world.teams[name]
-        if not isinstance(config, EncounterScenario):
-            raise ConfigError(
-                f"{name}.script: these ships sail in the mission 'encounter', and this world has no mission: make the "
-                f"environments by rl.BatchedEnv or gymnasium.make, or name the teams of the world without {name!r}"
-            )
-        if not isinstance(self.fleet.model, SteeredShip):
-            raise ConfigError(f"{name}.vehicle = {config.teams[name].vehicle!r}: the script sails steered_ship only")
+        alone = (
+            f"{name}.script: these ships sail in the mission 'encounter', and this world has no mission: make the "
+            f"environments by rl.BatchedEnv or gymnasium.make, or name the teams of the world without {name!r}"
+        )
+        other = f"{name}.vehicle = {config.teams[name].vehicle!r}: the script sails steered_ship only"
+        sails = isinstance(self.fleet.model, SteeredShip)
+        refuse(ConfigError, (not isinstance(config, EncounterScenario), alone), (not sails, other))
+        assert isinstance(config, EncounterScenario)
         state, part, shares = self.fleet.state, config.encounter, _sums(config.encounter.behaviours)
         bodies = config.teams[part.own].count + self.fleet.count
         self.ships = self.remember(state.new_zeros((*state.shape[:2], Sailing.SIZE)))
