@@ -134,7 +134,7 @@ def test_every_shipped_scenario_loads_with_its_vehicles():
     for file in config_folder().glob("*.toml"):
         config = load_scenario(file)
         act = [name for name in config.teams if name not in config.scripted]
-        one = {"landing": ["uav"], "station": ["usv"], "route": ["usv"]}
+        one = {"landing": ["uav"], "station": ["usv"], "route": ["usv"], "encounter": ["usv"], "imazu": ["usv"]}
         assert act == one.get(config.name, ["usv", "uav"])
         for name, team in config.teams.items():
             substeps = config.substeps(name, 0.02)

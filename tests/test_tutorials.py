@@ -13,7 +13,7 @@ PAGES = ROOT / "docs" / "tutorials"
 FILE = re.compile(r"^```\w+ file=(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 COMMANDS = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LISTING = re.compile(r"python (\S+\.py)\n")
-LESSONS = ("sea", "boat", "mission", "policy", "report", "reward")
+LESSONS = ("sea", "boat", "mission", "policy", "report", "reward", "traffic")
 
 
 def lesson(folder: Path, name: str) -> str:
@@ -76,3 +76,8 @@ def test_a_reward_of_ones_own(tmp_path):
     assert "weight 0.3, scale 0.2: -(turn rate / scale)^2, rad/s: boats that turn gently" in told
     assert "A: runs/gentle" in told and "| `team_error_m` | " in told
     assert (folder / "runs" / "gentle" / "figures" / "terms.png").is_file()
+
+
+@pytest.mark.slow
+def test_traffic_of_ones_own(tmp_path):
+    assert 60.0 < number(r"(\S+)% without a collision", lesson(tmp_path, "traffic")) <= 100.0

@@ -19,6 +19,8 @@ for _scenario, _team, _other in (
     ("landing", "uav", "absent"),  # a helm holds the boat's course
     ("station", "usv", "absent"),
     ("route", "usv", "absent"),
+    ("encounter", "usv", "absent"),
+    ("imazu", "usv", "absent"),
 ):
     _name = f"{_team}_formation" if _scenario == "paper" else f"{_scenario}_{_team}"
     gymnasium.register(

@@ -26,6 +26,7 @@ SCENARIOS = {
     "escort": ("escort.worlds=8", "sea.realisations=4"),
     "landing": ("sea.realisations=4", "landing.distance=[2.0, 6.0]", "landing.height=[2.0, 4.0]"),
     "station": ("sea.realisations=4", "station.hold=31"),
+    "encounter": ("sea.realisations=4",),
     str(PLUGIN): (),
 }
 WRONG = (math.nan, math.inf, -math.inf, 1e30, -1e30)

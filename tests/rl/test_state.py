@@ -32,6 +32,7 @@ SCENARIOS = {
         "uav.pilot.kind=forecast",
     ),
     "station": ("sea.realisations=4", "station.hold=2"),
+    "encounter": ("sea.realisations=4", "encounter.notice=240"),
     str(PLUGIN): (),
 }
 # What steps write anew before anybody reads it, and what is asked for again.

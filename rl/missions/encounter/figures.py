@@ -30,7 +30,7 @@ def write_encounter_figures(
 
 def chart(episode: Episode, config: EncounterScenario) -> Figure:
     """Tracks and hulls from above, in the colours of their roles, with times; offsets and the gap below."""
-    figure = new_figure(WIDE, 1.25 * WIDE, f"{episode.name}: an encounter")
+    figure = new_figure(WIDE, 1.25 * WIDE, "An encounter")
     above, below = figure.subplots(2, 1, height_ratios=(3, 1))
     own, step = episode.teams[config.encounter.own], max(1, len(episode.time_s) // EVERY)
     shown = []
@@ -51,14 +51,12 @@ def chart(episode: Episode, config: EncounterScenario) -> Figure:
                     above.add_patch(Polygon(outline, facecolor=(*colour, 0.35), edgecolor=colour, linewidth=0.8))
     for vehicle in range(own.vehicles):
         north, east = own.position_n[:, vehicle, NORTH], own.position_n[:, vehicle, EAST]
-        blue = rgb(episode.liveries[config.encounter.own].of(vehicle))
-        above.plot(east, north, color=blue, linewidth=1.8)
-        above.plot(east[::step], north[::step], "o", color=blue, markersize=4)
+        above.plot(east, north, color=INK, linewidth=1.8)
+        above.plot(east[::step], north[::step], "o", color=INK, markersize=4)
         for frame in range(0, len(north), step):
             text, at = f"{episode.time_s[frame] - episode.time_s[0]:.0f} s", (east[frame], north[frame])
             above.annotate(text, at, fontsize=7, color=INK, xytext=(4, 2), textcoords="offset points")
-    blue = rgb(episode.liveries[config.encounter.own].of(0))
-    shown.insert(0, Line2D([], [], color=blue, label="own ship", linewidth=2))
+    shown.insert(0, Line2D([], [], color=INK, label="own ship", linewidth=2))
     above.legend(handles=shown, fontsize=8, frameon=False)
     centre = own.position_n[:, 0, :2].mean(axis=0)
     reach = 1.3 * np.abs(own.position_n[:, 0, :2] - centre).max() + config.encounter.clear
