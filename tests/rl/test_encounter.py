@@ -264,7 +264,7 @@ def test_scores_fall_with_each_fault():
 REFUSED = {
     "encounter.speed=40": "encounter.speed",
     "encounter.near=80": "near",
-    "encounter.tcpa=[60, 500]": "encounter.tcpa",
+    "encounter.tcpa=[0, 100]": "tcpa",
     "encounter.ships=[1, 9]": "encounter.ships",
     "encounter.own=traffic": "own",
     "encounter.own=nobody": "encounter.own",

@@ -79,7 +79,7 @@ def test_the_evaluation_holds_every_figure_of_both_teams(trained):
     for figures in evaluation["teams"].values():
         assert set(figures) == set(FormationJudge.definitions) == {
             "leader_error_rms_m", "leader_error_p95_m", "follower_error_rms_m", "follower_error_p95_m", "team_error_m",
-            "evasions_per_hour", "least_gap_m", "collisions_per_hour", "collision_free_episodes",
+            "cross_track_rms_m", "evasions_per_hour", "least_gap_m", "collisions_per_hour", "collision_free_episodes",
             "action_change_rms", "success_rate",
         }  # fmt: skip
         assert all(math.isfinite(value) for value in figures.values())

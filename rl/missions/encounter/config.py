@@ -168,8 +168,3 @@ class EncounterScenario(Scenario):
             )
         if part.set == "imazu" and count < 3:
             yield f"{part.traffic}.count = {count}: encounter.set = 'imazu' has up to 3 ships"
-        if part.tcpa[1] >= self.episode_duration:
-            yield (
-                f"encounter.tcpa = {list(part.tcpa)}: must be below episode_duration = {self.episode_duration:g}, for "
-                "an encounter to be over"
-            )
