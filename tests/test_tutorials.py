@@ -80,4 +80,4 @@ def test_a_reward_of_ones_own(tmp_path):
 
 @pytest.mark.slow
 def test_traffic_of_ones_own(tmp_path):
-    assert 60.0 < number(r"(\S+)% without a collision", lesson(tmp_path, "traffic")) <= 100.0
+    assert 0.6 < number(r'"collision_free_episodes": ([\d.]+)', lesson(tmp_path, "traffic")) <= 1.0
