@@ -15,10 +15,10 @@ from rl.missions.encounter.judge import scores
 from rl.missions.encounter.pairs import Pair, Role
 from rl.missions.encounter.situations import IMAZU, IMAZU_DIGEST, IMAZU_NUMBERS
 from rl.missions.encounter.traffic import Behaviour, Sailing
-from rl.step import VehicleActions
 from taichi_sim.bench import Bench
 from taichi_sim.errors import UserError
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.rotation import torch_heading
 from taichi_sim.kernels.runtime import array2
 
 CALM = ("sea.hs=0", "sea.components=1", "sea.realisations=1", "sea.current.speed=0", "air.speed=0", "vary={}")
@@ -267,6 +267,8 @@ REFUSED = {
     "encounter.tcpa=[0, 100]": "tcpa",
     "encounter.ships=[1, 9]": "encounter.ships",
     "encounter.own=traffic": "own",
+    "usv.count=13": "usv.count",
+    "traffic.correction={}": "traffic.correction",
     "encounter.own=nobody": "encounter.own",
     "ais.transponder=C": "ais.transponder",
     "encounter.behaviours={keeps=0,obeys=0,late=0,port=0,stops=0}": "encounter.behaviours",
@@ -284,7 +286,11 @@ def test_refusals_name_the_key(override):
         make_mission(load_scenario("encounter", (override, *short)), 2, seed=1)
 
 
-def test_own_ships_may_be_steered_by_rudders_and_by_nobody_else():
-    mission = make_mission(load_scenario("imazu"), 2, seed=1)
-    step = mission.step({"usv": VehicleActions(torch.zeros((2, 1, 2)))})
-    assert step.reward["usv"].isfinite().all()
+def test_a_helm_holds_a_tanker_on_an_offset_by_its_rudder():
+    mission = make_mission(load_scenario("imazu", ("usv.correction={}", "encounter.course_deg=0")), 2, seed=1)
+    team = mission.teams["usv"]
+    for _ in range(120):
+        mission.drive({"usv": team.sail(torch.tensor([[[0.5, 1.0]], [[-0.5, 1.0]]]))}, begin=False)
+    headings = torch_heading(team.fleet.quaternion_nb)[:, 0]
+    assert torch.allclose(headings, torch.tensor([0.5, -0.5]), atol=math.radians(2))
+    assert (team.fleet.velocity_n[:, 0, :2].norm(dim=-1) - 6.173).abs().max() < 0.5

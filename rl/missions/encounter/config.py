@@ -10,7 +10,7 @@ from rl.scenario import Evaluation, Scenario, TeamSection
 from taichi_sim.config import Fraction, NonNegative, Ordered, Positive, Span, Strict
 from taichi_sim.config.plausible import Plausible
 
-MOST_SHIPS = 16  # of traffic, among the random numbers
+MOST_BODIES = 15  # own ships and ships, among the random numbers (kernels/random.py: TRAFFIC)
 
 
 class BehavioursConfig(Strict):
@@ -160,11 +160,12 @@ class EncounterScenario(Scenario):
                 return
         if self.teams[part.traffic].script is None:
             yield (f'{part.traffic}.script: the ships need one, such as "rl.missions.encounter.traffic:Traffic"')
-        count = self.teams[part.traffic].count
-        if not part.ships[1] <= count <= MOST_SHIPS:
-            yield (
-                f"encounter.ships = {list(part.ships)}: {part.traffic}.count = {count} must be as many, and at most "
-                f"{MOST_SHIPS}"
-            )
+        if self.parts[part.traffic].correction is not None:
+            yield f"{part.traffic}.correction: no policy acts for this team"
+        own, count = self.teams[part.own].count, self.teams[part.traffic].count
+        if own + count > MOST_BODIES:
+            yield f"{part.own}.count = {own}, {part.traffic}.count = {count}: must be at most {MOST_BODIES} together"
+        if count < part.ships[1]:
+            yield f"encounter.ships = {list(part.ships)}: {part.traffic}.count = {count} must be as many"
         if part.set == "imazu" and count < 3:
             yield f"{part.traffic}.count = {count}: encounter.set = 'imazu' has up to 3 ships"

@@ -1,6 +1,6 @@
 """Encounters: own ships keep their routes among ships that keep, obey or break the rules of the road (COLREGs).
 
-An episode begins with an own ship on a straight route, and 1 to 16 ships that it will meet if all go on
+An episode begins with an own ship on a straight route, and ships that it will meet if all go on
 (situations.py). Ships are a scripted team (traffic.py). Own ships know them by AIS and radar (sensing.py); roles by
 the rules are latched, and gaps measured between rectangles (pairs.py). An episode ends at a collision, or when its
 time is up.
@@ -123,8 +123,7 @@ class Encounter(Mission[EncounterScenario, OwnShips]):
     def scene(self, env: int) -> Scene:
         """The water about the first own ship."""
         part = self.config.encounter
-        return Scene(area_m=2 * part.corridor, obstacles=self.bodies.new_zeros((0, 4)).cpu().numpy(),
-                     overview=(part.own, ROOM + 0.5 * part.speed * part.notice))  # fmt: skip
+        return Scene(overview=(part.own, ROOM + 0.5 * part.speed * part.notice))
 
     @classmethod
     def draw_figures(cls, out: Path, histories: Histories, episode: Episode | None, config: EncounterScenario) -> None:

@@ -202,7 +202,7 @@ class OwnShips(Team[Sea, EncounterTeam]):
         return {"collided": self.pairs.gap - 1e-3, "lost": self.part.corridor - self.across.abs()}
 
     def importance(self, ending: str) -> Tensor:
-        """Near a collision: minus the gap that is left, or that will be at the nearest approach, whichever counts."""
+        """Of a collision: the greatest risk (pairs.py), less the gap that is left over `clear`."""
         if ending != "collided":
             return super().importance(ending)
         return self.pairs.of(Pair.RISK).amax(-1) - self.pairs.gap / self.part.clear
