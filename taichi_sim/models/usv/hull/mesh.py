@@ -32,7 +32,9 @@ Depth = Annotated[Finite, Plausible(-1.2, 1.2, "m", of="height")]
 Breadth = Annotated[NonNegative, Plausible(0.01, 1.1, "m", of="beam")]
 Section = Annotated[tuple[tuple[Half, Depth], ...], Field(min_length=2, max_length=50)]
 Notch = Annotated[float, Plausible(0.0, 0.3, far=math.inf)]
-"""How far a point is above those of the stations before and behind it, over the greatest depth."""
+"""How far a point is above those of the stations before and behind it, or of its section, over the greatest depth."""
+Waist = Annotated[float, Plausible(0.0, 0.9, far=math.inf)]
+"""How much narrower a point is than the narrower of these two, over that one."""
 DECK_STEP = 1e-9  # m, tolerance for a level deck
 MIN_AREA = 1e-12  # m^2; smaller panels are the closed ends of pointed hulls and are left out
 
@@ -40,6 +42,12 @@ MIN_AREA = 1e-12  # m^2; smaller panels are the closed ends of pointed hulls and
 def _notch(z: Array) -> float:
     """`Notch` of depths [station, point]."""
     return float((np.minimum(z[:-2], z[2:]) - z[1:-1]).max(initial=0.0) / np.abs(z).max())
+
+
+def _waist(y: Array) -> float:
+    """`Waist` of half-breadths [station, point]."""
+    beside = np.minimum(y[:-2], y[2:])
+    return float((1 - y[1:-1] / np.maximum(beside, DECK_STEP)).max(initial=0.0, where=beside > DECK_STEP))
 
 
 class BoxHull(Strict):
@@ -140,8 +148,15 @@ class StationsHull(Strict):
 
     @property
     def notch(self) -> Notch:
-        """Of a line of points along the hull."""
-        return _notch(self.points[..., 2])
+        """Of a line of points along the hull, or of a section."""
+        z = self.points[..., 2]
+        return max(_notch(z), _notch(z.T))
+
+    @property
+    def waist(self) -> Waist:
+        """Of the same lines."""
+        y = self.points[..., 1]
+        return max(_waist(y), _waist(y.T))
 
     @property
     def twin(self) -> bool:
