@@ -402,7 +402,7 @@ def test_normals_are_mended(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("name", "way"), [("a.STEP", "export this drawing as STL"), ("a.pnl", "a.pnl: not a readable mesh")]
+    ("name", "way"), [("a.STEP", "export this drawing as STL"), ("a.pnl", "a.pnl: cannot be read")]
 )
 def test_a_mesh_of_another_kind_is_told_by_its_name(tmp_path, name, way):
     if name.endswith(".pnl"):
