@@ -61,16 +61,22 @@ def refuse_unwritable(place: Path) -> None:
         raise OSError(error.errno, f"cannot be written: {error.strerror}", str(place)) from None
 
 
-def output(text: str) -> Path:
-    """An argparse type: a file to write, refused at once if it could not be written."""
-    file, why = Path(text), "a folder of that name exists"
-    if not file.is_dir():
+def output(text: str, is_folder: bool = False) -> Path:
+    """An argparse type: a file to write, whose folder is made, or refused at once if it could not be written."""
+    place, why = Path(text), "a folder of that name exists"
+    if is_folder or not place.is_dir():
         try:
-            refuse_unwritable(file)
-            return file
+            refuse_unwritable(place)
+            (place if is_folder else place.parent).mkdir(parents=True, exist_ok=True)
+            return place
         except OSError as error:
             why = error.strerror
     raise argparse.ArgumentTypeError(f"{text}: {why}")
+
+
+def output_folder(text: str) -> Path:
+    """The same of a folder to write to, which is made."""
+    return output(text, is_folder=True)
 
 
 picture = option(output, lambda file: file.suffix.lower() in PICTURES, f"must end in one of {', '.join(PICTURES)}")

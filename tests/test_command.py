@@ -1,6 +1,8 @@
 """The command `taichi-sim`, files to begin with, and what a wheel holds."""
 
+import contextlib
 import os
+import re
 import subprocess
 import sys
 import venv
@@ -16,6 +18,7 @@ from taichi_sim.config.io import config_folder
 from taichi_sim.models.catalogue import load_vehicle
 
 ROOT = Path(__file__).resolve().parents[1]
+OUTPUTS = ("--out", "--json", "--export", "--film", "--report", "--log", "--record", "--synthetic")
 FEW = ("--set", "stages.first.iterations=2", "--set", "evaluation.episodes=2", "--set", "episode_duration=5")
 
 
@@ -30,6 +33,20 @@ def test_every_command_is_a_script_of_the_tree_and_is_told_of(capsys):
     with pytest.raises(SystemExit):
         command.main(["trian"])
     assert "'trian'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", sorted(set(command.SCRIPTS) - {"train", "describe"}))
+def test_commands_refuse_at_once_what_they_could_not_write(name, tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+
+    def said(*words: str) -> str:
+        with contextlib.suppress(SystemExit):
+            command.main([name, *words])
+        return "".join(capsys.readouterr())
+
+    for given in sorted(set(re.findall(rf"^  ({'|'.join(OUTPUTS)})\b", said("--help"), re.MULTILINE))):
+        run = ["paper"] if name in ("play", "odds") else []
+        assert "Not a directory" in said(*run, given, str(tmp_path / "file" / "below.rrd")), given
 
 
 def test_alone_it_tells_of_its_commands(capsys):

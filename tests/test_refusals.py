@@ -17,7 +17,7 @@ MOST = {
     "rl/planning": 3,
     "rl/runs": 27,
     "taichi_sim": 31,
-    "taichi_sim/applications": 92,
+    "taichi_sim/applications": 90,
     "taichi_sim/config": 39,
     "taichi_sim/kernels": 13,
     "taichi_sim/models": 34,

@@ -142,6 +142,7 @@ def _run(args: argparse.Namespace, command: str) -> None:
         file = Path(args.hull).with_suffix(".toml")
         if file.exists() and UNFINISHED not in file.read_text(encoding="utf-8", errors="replace"):
             raise ConfigError(f"{file}: exists; compute its database with {file.name} --mesh {args.hull}, or rename it")
+        refuse_unwritable(file)
         surface = hull_input.read_mesh(Path(args.hull), args.unit, args.waterline, args.midships, None)
         freeboard = args.freeboard or float(-surface.whole[..., 2].min())
         table = args.stations, args.points, freeboard

@@ -7,9 +7,8 @@ configs/oracle/NAME.json, which tools/compare.py and reports read.
 
 import argparse
 import sys
-from pathlib import Path
 
-from taichi_sim.options import positive_int, refuse_unwritable, seed
+from taichi_sim.options import output, positive_int, refuse_unwritable, seed
 
 
 def parser() -> argparse.ArgumentParser:
@@ -23,7 +22,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--episodes", type=positive_int, default=EPISODES, help=f"default: {EPISODES}")
     p.add_argument("--seed", type=seed, default=SEED, help=f"seed of the held-out episodes (default: {SEED})")
     p.add_argument("--classical", action="store_true", help="the classical controller alone: seconds, not hours")
-    p.add_argument("--out", type=Path, default=None, help="default: configs/oracle/NAME.json")
+    p.add_argument("--out", type=output, default=None, help="default: configs/oracle/NAME.json")
     shared.add_common(p)
     return p
 

@@ -88,6 +88,7 @@ def evaluate(args: argparse.Namespace) -> None:
 
     config, source, policies, seed = shared.open_run(args)
     shared.agree(config, source)
+    stored = shared.stores(args)
     trial = Trial(config, policies, args.episodes or config.evaluation.episodes, seed, args.controller, source)
     with exported(args.export) if args.export else nullcontext() as export:
         watch = export.chunk if export else None
@@ -107,7 +108,8 @@ def evaluate(args: argparse.Namespace) -> None:
             run_folder.write_json(args.json, outcome.result)
         else:
             print(json.dumps(outcome.result, indent=2))
-        shared.store(args, lambda outcome=outcome: save_evaluation(args.run, outcome, args.config, args.overrides))
+        if stored:
+            save_evaluation(args.run, outcome, args.config, args.overrides)
 
 
 def sweep(args: argparse.Namespace) -> None:

@@ -85,7 +85,7 @@ def odds(args: argparse.Namespace) -> None:
     teams = list(policies) if args.team is None else [args.team]
     if len(teams) > 1 and (args.film or args.out or args.again):
         raise run_folder.RunError(f"--film, --out, --again: name one --team of {', '.join(teams)}")
-    answers = {}
+    answers, stored = {}, shared.stores(args)
     for team in teams:
         asked = Question(config, policies, team, args.of, seed, source, args.controller).among_its_teams()
         line = again(args.again, asked)
@@ -95,7 +95,8 @@ def odds(args: argparse.Namespace) -> None:
                 continue
             answers[team], line = as_json(answer), likeliest(answer)
             print(text(answer))
-            shared.store(args, lambda told=answers[team]: save_odds(args.run, told, args.config, args.overrides))
+            if stored:
+                save_odds(args.run, answers[team], args.config, args.overrides)
             if args.json:
                 run_folder.write_json(args.json, answers)
             if answer.interrupted is not None:

@@ -104,8 +104,8 @@ def main(argv: list[str] | None = None) -> None:
     place = args.run / (f"play-{seed}.rrd" if number is None else recording_name(args.controller, args.shown))
     if not shared.is_run(args.run):
         place = Path(f"{config.name}-{seed}.rrd")
-    if args.out is not None or not args.film:
-        refuse_unwritable(output.place or place)
+    if args.out is None and not args.film:
+        refuse_unwritable(place)
     how = shared.film_options(args)
     if args.film:
         check_film(args.film, **how, teams=config.teams, columns=2 if args.beside else 1)

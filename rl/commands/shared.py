@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from taichi_sim.errors import message
-from taichi_sim.options import option, output, positive_float, positive_int, seed
+from taichi_sim.options import option, output, positive_float, positive_int, refuse_unwritable, seed
 
 CONTROLLERS = ("policy", "untrained", "classical", "plan", "oracle", "honest")  # see rl.learn.policy.policies_of
 
@@ -185,14 +185,18 @@ def tell_unnamed(policies) -> None:
             print(f"{policy.source}: {told}", file=sys.stderr)
 
 
-def store(args: argparse.Namespace, save: Callable[[], object]) -> None:
-    """Store what a run's own policies did in its folder, where RUN is one."""
-    if args.policy or not is_run(args.run):
-        return
+def stores(args: argparse.Namespace) -> bool:
+    """Whether this process stores what a run's own policies do in its folder; where it cannot, that is said at once."""
+    from rl.runs import ranks
+
+    if args.policy or not is_run(args.run) or not ranks.here().first:
+        return False
     try:
-        save()
-    except OSError as error:  # the folder may be read-only
-        print(f"not stored for a report or --worst: {error}", file=sys.stderr)
+        refuse_unwritable(args.run)
+        return True
+    except OSError as error:
+        print(f"{message(error)}: nothing is stored for a report or --worst", file=sys.stderr)
+        return False
 
 
 def open_both(args: argparse.Namespace):

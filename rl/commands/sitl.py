@@ -16,7 +16,7 @@ import time
 from contextlib import ExitStack, closing
 from pathlib import Path
 
-from taichi_sim.options import address, output, parser_of, port, positive_float, refuse_unwritable, seed
+from taichi_sim.options import address, output, parser_of, port, positive_float, seed
 
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
@@ -86,8 +86,6 @@ def serve(args: argparse.Namespace) -> None:
     if not places:
         raise ConfigError("--autopilot: name at least one vehicle, for example --autopilot usv.0=9002")
     written = None if args.record is None else output_of(args.record)
-    if written is not None and written.place is not None:
-        refuse_unwritable(written.place)
     args.threads = args.threads or 1
     shared.start(args)
     seed = config.evaluation.seed if args.seed is None else args.seed

@@ -20,6 +20,7 @@ from rl.runs.folder import RunError
 from rl.scenario import Scenario
 from taichi_sim.config.io import toml_text
 from taichi_sim.kernels import runtime
+from taichi_sim.options import refuse_unwritable
 from taichi_sim.vehicle import Vehicle
 from taichi_sim.visualisation.recording import Episode, Event, Recorder, Scene
 from taichi_sim.visualisation.recording.overlays import Note, Overlay
@@ -207,6 +208,8 @@ def output_of(out: str | None, origin: Sequence[float] | None = None, *, show_pr
     `origin` is the latitude and longitude (deg) of the world's origin in a bag.
     """
     place = None if out is None else Path(out)
+    if place is not None:
+        refuse_unwritable(place)
     folder = out is not None and (out.endswith(("/", os.sep)) or not Path(out).suffix)
     if place is None or (place.suffix == RRD and not folder):
         if origin is not None:

@@ -50,7 +50,7 @@ from taichi_sim.kernels.rigid_body import changed_mass
 from taichi_sim.models.catalogue import load_vehicle, vehicle_files
 from taichi_sim.models.usv.manoeuvring_3dof import Manoeuvring3dof
 from taichi_sim.models.usv.vessel_base import Vessel
-from taichi_sim.options import option, parser_of, ranged, seed
+from taichi_sim.options import option, output, output_folder, parser_of, ranged, seed
 from taichi_sim.vehicle import Vehicle, value_at
 
 PRIOR = 0.4  # prior standard deviation of a number's logarithm; assumed
@@ -270,8 +270,7 @@ def save(
 
 
 def check_out(out: Path, file: Path, model: Vehicle, keys: Sequence[str], changes: Mapping[str, Any]) -> None:
-    """Before the search: whether a vehicle file with fitted `keys` can be written to `out` and read again."""
-    check_target(out)
+    """Before the search: whether a vehicle file with fitted `keys`, written to `out`, can be read again."""
     nominal = values_of(model, keys, [model.nominal[key] for key in keys], [""] * len(keys))
     text = written(file, {key: (value, "") for key, value in _flat(changes).items()} | nominal)
     with tempfile.TemporaryDirectory() as folder:
@@ -284,19 +283,6 @@ def check_out(out: Path, file: Path, model: Vehicle, keys: Sequence[str], change
         if not np.isclose(again.nominal[key], model.nominal[key], rtol=1e-6):
             raise ConfigError(f"{file}: {key} = {model.nominal[key]:g} is {again.nominal[key]:g} after writing it: it "
                               "follows from other keys; leave out --out")  # fmt: skip
-
-
-def check_target(target: Path) -> None:
-    """Whether a file can be written."""
-    if not target.parent.is_dir():
-        raise ConfigError(f"{target}: there is no folder {target.parent}")
-    try:
-        with target.open("ab"):
-            made = target.stat().st_size == 0
-        if made:
-            target.unlink()
-    except OSError as error:
-        raise ConfigError(f"{target}: cannot be written: {error.strerror or error}") from None
 
 
 def parser() -> argparse.ArgumentParser:
@@ -320,9 +306,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--name", default="", help="vehicle of a bag, for example usv_0 [the only one]")
     p.add_argument("--channels", default="", metavar="NAME=N,...",
                    help="servo channels of a .bin, -N reversed [by its SERVOn_FUNCTION]")  # fmt: skip
-    p.add_argument("--out", type=Path, metavar="FILE", help="write the vehicle file with the fitted numbers here")
-    p.add_argument("--report", type=Path, metavar="FILE", help="write numbers, tracks and residuals as a page of HTML")
-    p.add_argument("--synthetic", type=Path, metavar="DIR", help="make logs of the vehicle instead")
+    p.add_argument("--out", type=output, metavar="FILE", help="write the vehicle file with the fitted numbers here")
+    p.add_argument("--report", type=output, metavar="FILE", help="write numbers, tracks, residuals as a page of HTML")
+    p.add_argument("--synthetic", type=output_folder, metavar="DIR", help="make logs of the vehicle instead")
     p.add_argument(
         "--factor",
         action="append",
@@ -357,8 +343,6 @@ def run(args: argparse.Namespace) -> None:
         raise ConfigError(f"--prior {unknown[0]}: it is not fitted; fitted are {', '.join(keys)}")
     for key in keys:
         model.check_varies(key)
-    if args.report is not None:
-        check_target(args.report)
     if args.out is not None:
         check_out(args.out, file, model, keys, changes)
     given = {key: PRIORS[key.rpartition(".")[2]] for key in keys if key.rpartition(".")[2] in PRIORS} | asked

@@ -39,7 +39,7 @@ from taichi_sim.models.catalogue import Changes, load_vehicle
 from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.models.uav.multirotor.params import MultirotorParams
 from taichi_sim.models.usv.vessel_base import Vessel
-from taichi_sim.options import parser_of, ranged, refuse_unwritable, seed
+from taichi_sim.options import output_folder, parser_of, ranged, refuse_unwritable, seed
 from taichi_sim.vehicle import Vehicle
 
 ARGUMENTS = ("file", "dt", "substeps", "source")  # of load_vehicle, which the commands give
@@ -223,7 +223,7 @@ def parser() -> argparse.ArgumentParser:
     p = parser_of(__doc__, "taichi-sim trials")
     p.add_argument("vehicle", metavar="VEHICLE", help="vehicle file, or the name of a shipped one")
     p.add_argument("--trial", action="append", default=[], metavar="NAME", help="a trial to do; several times [all]")
-    p.add_argument("--out", type=Path, metavar="DIR", help="folder of the report [trials-VEHICLE]")
+    p.add_argument("--out", type=output_folder, metavar="DIR", help="folder of the report [trials-VEHICLE]")
     p.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE",
                    help="override KEY or SECTION.KEY of the vehicle file; several times")  # fmt: skip
     p.add_argument("--quiet", action="store_true", help="print no progress")

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, FiniteFloat
 
 from taichi_sim.config import ConfigError, Positive, Strict
-from taichi_sim.config.io import validate
+from taichi_sim.config.io import replacing, validate
 from taichi_sim.models.usv.hull.mesh import Panels
 from taichi_sim.models.usv.hull.radiation_memory import Memory
 
@@ -205,7 +205,8 @@ class HydroDatabase:
         texts["settings"] = dict(self.settings)
         lines = [f'"{key}": {json.dumps(value)}' for key, value in texts.items()]
         lines += [f'"{key}": {_text(value)}' for key, value in tables.items()]
-        Path(path).write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
+        with replacing(path) as part:
+            part.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
 
 
 def _text(value: float | NDArray | None) -> str:
