@@ -5,7 +5,8 @@ from functools import reduce
 from operator import or_
 from typing import NamedTuple
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from taichi_sim.config.base import number
@@ -55,6 +56,13 @@ class Endings(dict[str, Tensor]):
         """Store the flags."""
         super().__init__(flags)
         self.any = reduce(or_, self.values())
+
+    def why(self) -> NDArray[np.object_]:
+        """The name of what ended each vehicle [env, vehicle], None where nothing did."""
+        names = np.full(tuple(self.any.shape), None)
+        for name, flags in self.items():
+            names[flags.cpu().numpy()] = name
+        return names
 
 
 class Step(NamedTuple):

@@ -12,6 +12,7 @@ from typing import TypeVar
 T = TypeVar("T")
 N = TypeVar("N", int, float)
 PICTURES = (".png", ".pdf", ".svg", ".jpg")
+TABLES = (".parquet", ".csv")
 ROOM = 1 << 20  # bytes that a disk must take for an output to begin; assumed
 
 
@@ -79,4 +80,5 @@ def output_folder(text: str) -> Path:
     return output(text, is_folder=True)
 
 
+table = option(output, lambda file: file.suffix in TABLES, f"must end in {' or '.join(TABLES)}")
 picture = option(output, lambda file: file.suffix.lower() in PICTURES, f"must end in one of {', '.join(PICTURES)}")

@@ -64,6 +64,7 @@ LAYERS = (
         "rl.commands.report",
         "rl.commands.score",
         "rl.commands.describe",
+        "rl.commands.export",
         "rl.commands.pilot",
     ),
     ("rl.commands",),
@@ -82,6 +83,7 @@ STRANGERS = (
         "rl.commands.report",
         "rl.commands.score",
         "rl.commands.describe",
+        "rl.commands.export",
         "rl.commands.pilot",
     },
 )

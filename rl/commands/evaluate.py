@@ -6,12 +6,10 @@ import sys
 from contextlib import nullcontext
 from pathlib import Path
 
-from taichi_sim.options import option, output, positive_int
+from taichi_sim.options import output, positive_int, table
 
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
-TABLES = (".parquet", ".csv")  # of --export
 
 
 def parser() -> argparse.ArgumentParser:
@@ -34,7 +32,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--json", type=output, default=None, metavar="FILE", help="write the figures to FILE, not to stdout")
     p.add_argument(
         "--export",
-        type=option(output, lambda file: file.suffix in TABLES, f"must end in {' or '.join(TABLES)}"),
+        type=table,
         default=None,
         metavar="FILE",
         help="write vehicles' motion to FILE (.parquet or .csv), and conditions and figures of each episode beside it",

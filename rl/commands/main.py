@@ -18,6 +18,7 @@ SCRIPTS = {  # name -> module, further arguments, description
     "score": ("rl.commands.score", (), "score a policy in a task of the benchmark: 0 classical, 100 oracle"),
     "describe": ("rl.commands.describe", (), "inputs and outputs of the policies of a task or a scenario"),
     "play": ("rl.commands.play", (), "record, film or watch an episode"),
+    "export": ("rl.commands.export", (), "the tables of a recording: vehicles' motion, conditions of its episodes"),
     "pilot": ("rl.commands.pilot", (), "steer real vehicles by a policy, as the MAVLink companion of their autopilots"),
     "report": ("rl.commands.report", (), "write report.html of a run again, or one that compares two runs"),
     "tune": ("rl.commands.tune", (), "search for the numbers of a classical controller"),

@@ -11,10 +11,13 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
+import torch
 from tqdm import tqdm
 
+from rl.evaluation.conditions import conditions_of
 from rl.evaluation.episode_log import event_of
 from rl.evaluation.episodes import Trial
+from rl.judge import Judge
 from rl.mission import Mission, Policy, Step
 from rl.runs.folder import RunError
 from rl.scenario import Scenario
@@ -41,7 +44,8 @@ class EpisodeOptions(TypedDict, total=False):
 
 
 class _Drawn(TypedDict):
-    mission: dict[str, dict[str, np.ndarray]]
+    mission: dict[str, dict[str, Any]]
+    conditions: dict[str, Any]
     overlays: tuple[Overlay, ...]
     scene: Scene | None
 
@@ -49,9 +53,13 @@ class _Drawn(TypedDict):
 class EpisodeReel:
     """Frames of environment `env` of a mission."""
 
-    def __init__(self, mission: Mission, env: int = 0, after: float = 0.0) -> None:
-        """Record environment `env` of `mission`; the clock begins at `after` (s)."""
-        self.mission, self.env = mission, env
+    def __init__(
+        self, mission: Mission, env: int = 0, after: float = 0.0, judges: Mapping[str, Judge] | None = None
+    ) -> None:
+        """Record environment `env` of `mission`; the clock begins at `after` (s). `judges` of its teams tell what they
+        show over time, too.
+        """
+        self.mission, self.env, self.judges = mission, env, judges or {}
         self.recorder = Recorder(mission.world, env, after)
         self._frames: list[tuple[Rows, tuple[Overlay, ...]]] = []
 
@@ -70,7 +78,10 @@ class EpisodeReel:
         frame, rows = self.mission.frame(self.env), {}
         for name in self.mission.teams:
             row = {**frame.teams.get(name, {}), "reward": step.reward[name][self.env]}
+            if series := self._series(name):
+                row["measured"] = torch.stack([value[self.env] for value in series.values()], -1)
             rows[name] = {key: value.detach().cpu().numpy().copy() for key, value in row.items()}
+            rows[name]["ending"] = step.endings[name].why()[self.env]
         self._frames.append((rows, frame.overlays))
 
     def episode(self, **parts: Unpack[EpisodeOptions]) -> Episode:
@@ -85,8 +96,18 @@ class EpisodeReel:
 
     def _drawn(self) -> _Drawn:
         rows, overlays = zip(*self._frames, strict=True)
-        mission = {name: {key: np.stack([row[name][key] for row in rows]) for key in rows[0][name]} for name in rows[0]}
-        return {"mission": mission, "overlays": joined(overlays), "scene": self.mission.scene(self.env)}
+        mission: dict[str, dict[str, Any]] = {
+            name: {key: np.stack([row[name][key] for row in rows]) for key in rows[0][name]}
+            | {"measured_names": tuple(self._series(name))}
+            for name in rows[0]
+        }
+        here = conditions_of(self.mission, slice(self.env, self.env + 1))
+        conditions = {key: of[0].tolist() for key, of in here.items()}
+        scene = self.mission.scene(self.env)
+        return {"mission": mission, "conditions": conditions, "overlays": joined(overlays), "scene": scene}
+
+    def _series(self, team: str) -> Mapping[str, torch.Tensor]:
+        return self.judges[team].series() if team in self.judges else {}
 
 
 def joined(frames: Iterable[tuple[Overlay, ...]]) -> tuple[Overlay, ...]:
@@ -142,7 +163,7 @@ def record_episode(
     episode, count = number or (0, 1)
     trial = Trial(config, policies, count, seed, source=source)
     task, env = trial.mission(trial.chunk_of(episode)), episode - trial.chunk_of(episode)
-    reel = EpisodeReel(task, env)
+    reel = EpisodeReel(task, env, judges={name: task.Judge(task, name) for name in task.teams})
     known: set[tuple[str, int, str]] = set()
     events: list[Event] = []
     with runtime.torch_at_rest():

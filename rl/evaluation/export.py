@@ -1,10 +1,10 @@
-"""The episodes of an evaluation as tables, for pandas and the like: vehicles' motion, and each episode's conditions.
+"""The episodes of an evaluation or of a recording as tables, for pandas and the like: vehicles' motion, and each
+episode's conditions.
 
 Parquet, or CSV by the file's suffix. Columns: docs/evaluation.md.
 """
 
-import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -15,23 +15,18 @@ from numpy.typing import NDArray
 from pyarrow import csv, parquet
 
 from rl.evaluation.conditions import Conditions
+from rl.evaluation.read_recording import read_recording
 from rl.judge import Episodes, Judge
 from rl.mission import Mission
 from rl.step import Step
 from taichi_sim.config.io import replacing
+from taichi_sim.visualisation.recording.table import ENDING, MOTION, REWARD, column
 
 ROWS = 1 << 20  # in memory, about
-MOTION = ("north (m)", "east (m)", "down (m)", "roll (rad)", "pitch (rad)", "heading (rad)", "surge (m/s)",
-          "sway (m/s)", "heave (m/s)", "roll rate (rad/s)", "pitch rate (rad/s)", "yaw rate (rad/s)")  # fmt: skip
 KEYS = {"episode": pa.int32(), "time_s": pa.float64(), "team": pa.string(), "vehicle": pa.int16()}
-RESULTS = {"reward": pa.float32(), "ending": pa.string()}
+RESULTS = {REWARD: pa.float32(), ENDING: pa.string()}
 
 Columns = Mapping[str, NDArray[np.generic] | pa.Array]
-
-
-def column(label: str) -> str:
-    """The name of a column: `yaw_rate_rad_s` of the label `yaw rate (rad/s)`."""
-    return re.sub(r"\W+", "_", label).strip("_")
 
 
 @contextmanager
@@ -62,10 +57,13 @@ class Export:
             for name, team in mission.teams.items():
                 actions |= dict.fromkeys(f"action {key}" for key in team.fleet.model.action_names)
                 series |= dict.fromkeys(mission.Judge(mission, name).series())
-            numbers = {column(label): pa.float32() for label in (*MOTION, *actions, *series)}
-            self._schema = pa.schema(list((KEYS | numbers | RESULTS).items()))
-            self._writer = _writer(self.file, self._schema)
+            self.begin(map(column, (*MOTION, *actions, *series)))
         return Chunk(self, mission, first)
+
+    def begin(self, numbers: Iterable[str]) -> None:
+        """Begin the file; `numbers` are the columns beside those that every table has."""
+        self._schema = pa.schema(list((KEYS | dict.fromkeys(numbers, pa.float32()) | RESULTS).items()))
+        self._writer = _writer(self.file, self._schema)
 
     def add(self, columns: Columns) -> None:
         """Append rows; columns that are missing stay empty."""
@@ -100,9 +98,6 @@ class Chunk:
             series, count = judge.series(), len(envs) * fleet.count
             labels = [*MOTION, *(f"action {key}" for key in fleet.model.action_names), *series]
             values = (*motion.unbind(-1), *self.mission.teams[name].action.unbind(-1), *series.values())
-            ended = np.full(count, None)
-            for why, flags in step.endings[name].items():
-                ended[flags.cpu().numpy()[envs].ravel()] = why
             self.export.add({
                 "episode": np.repeat(self.first + envs, fleet.count).astype(np.int32),
                 "time_s": np.full(count, round(number * self.mission.config.decision_interval, 6)),
@@ -110,8 +105,8 @@ class Chunk:
                 "vehicle": np.tile(np.arange(fleet.count, dtype=np.int16), len(envs)),
                 **{column(label): value.float().cpu().numpy()[envs].ravel()
                    for label, value in zip(labels, values, strict=True)},
-                "reward": step.reward[name].float().cpu().numpy()[envs].ravel(),
-                "ending": pa.array(ended, pa.string()),
+                REWARD: step.reward[name].float().cpu().numpy()[envs].ravel(),
+                ENDING: pa.array(step.endings[name].why()[envs].ravel(), pa.string()),
             })  # fmt: skip
 
 
@@ -131,6 +126,32 @@ def export_conditions(file: Path, conditions: Conditions, episodes: Mapping[str,
         writer.write_table(_table(columns, schema))
         writer.close()
     return beside
+
+
+def export_recording(file: Path, recording: Path) -> Path:
+    """Write the table of a recording (.rrd) to `file`, and that of its episodes' conditions beside it.
+
+    Raises:
+        RunError: if it is no whole recording of this package, or holds no table.
+    """
+    episodes = read_recording(recording)
+    found = dict.fromkeys(name for episode in episodes for of in episode.vehicles for name in of.columns)
+    with exported(file) as export:
+        export.begin(name for name in sorted(found, key=_place) if name not in (*KEYS, *RESULTS))
+        for number, episode in enumerate(episodes):
+            for of in episode.vehicles:
+                keys = {"episode": np.int32(number), "team": of.team, "vehicle": np.int16(of.vehicle)}
+                rows = len(of.columns["time_s"])
+                export.add({**{name: pa.repeat(value, rows) for name, value in keys.items()}, **of.columns})
+    keys = dict.fromkeys(key for episode in episodes for key in episode.conditions)
+    conditions = {key: np.array([episode.conditions.get(key, np.nan) for episode in episodes]) for key in keys}
+    return export_conditions(file, {"recording": np.array([episode.caption for episode in episodes])} | conditions, {})
+
+
+def _place(name: str) -> tuple[int, int]:
+    """Where a column stands: motion, actions, the rest."""
+    motion = [column(label) for label in MOTION]
+    return (0, motion.index(name)) if name in motion else (1 if name.startswith("action_") else 2, 0)
 
 
 def _table(columns: Columns, schema: pa.Schema) -> pa.Table:

@@ -14,6 +14,8 @@ from small_missions import make
 from rl.commands import shared as commands
 from rl.missions.formation.mission import Formation
 
+PLAIN = ("rl.commands.report", "rl.commands.export")  # commands without the common arguments
+
 
 @pytest.fixture(scope="session", autouse=True)
 def _place_of_the_tiny_run(tmp_path_factory):
@@ -42,7 +44,7 @@ def here(capsys):
         capsys.readouterr()
         main = importlib.import_module(module).main
         try:
-            common = [] if module == "rl.commands.report" else ["--quiet", "--threads", "1"]
+            common = [] if module in PLAIN else ["--quiet", "--threads", "1"]
             status = commands.run(main, [*map(str, arguments), *common])
         except SystemExit as ending:
             status = int(ending.code or 0)

@@ -1,11 +1,15 @@
-"""The tables of an evaluation give back what its judge measured."""
+"""The tables of an evaluation give back what its judge measured, those of a recording what an evaluation tells."""
 
 import json
 
 import numpy as np
+import pyarrow.compute
 import pyarrow.csv
 import pyarrow.parquet
 import pytest
+import rerun as rr
+
+from taichi_sim.visualisation.recording.rrd import APPLICATION
 
 SHORT = ("--episodes", "3", "--controller", "classical", "--set", "evaluation.settle=1", "--set", "episode_duration=4")
 
@@ -32,6 +36,61 @@ def test_exported_motion_gives_the_figures_of_an_evaluation(here, run, tmp_path,
     way = np.hypot(np.diff(rows["north_m"][one].astype(float)), np.diff(rows["east_m"][one].astype(float))).sum()
     speed = np.hypot(rows["surge_m_s"][one].astype(float), rows["sway_m_s"][one].astype(float)).mean()
     assert way == pytest.approx(speed * np.ptp(rows["time_s"][one]), rel=0.15)
+
+
+def test_a_recording_holds_the_table_of_its_episode(here, run, tmp_path):
+    """Two episodes side by side: the first is another controller's."""
+    file, out = tmp_path / "side by side.rrd", tmp_path / "recorded.parquet"
+    one = ("--episodes", "1", *SHORT[2:], "--export", tmp_path / "episodes.parquet")
+    done = [here("rl.commands.evaluate", run, *one), here("rl.commands.play", run, *SHORT[2:], "--beside", "policy",
+                                                          "--out", file)]  # fmt: skip
+    done.append(here("rl.commands.export", file, "--out", out))
+    assert not any(ending.status for ending in done), done
+    wanted, whole = pyarrow.parquet.read_table(one[-1]), pyarrow.parquet.read_table(out)
+    beside, recorded = (whole.filter(pyarrow.compute.equal(whole["episode"], k)) for k in (0, 1))
+    order = [(name, "ascending") for name in ("time_s", "team", "vehicle")]
+    wanted, recorded = wanted.sort_by(order), recorded.sort_by(order)
+    assert {*wanted.schema.names} == {*recorded.schema.names} and len(recorded) == len(wanted) == len(beside) > 100
+    for name in wanted.schema.names[1:]:
+        values = [table[name].to_pylist() for table in (wanted, recorded)]
+        if isinstance(values[0][0], float):
+            np.testing.assert_allclose(*(np.array(of, float) for of in values), atol=2e-5, err_msg=name)
+        else:
+            assert values[0] == values[1], name
+    assert not beside["action_yaw"].equals(recorded["action_yaw"])
+    drawn = pyarrow.parquet.read_table(tmp_path / "episodes_conditions.parquet").to_pylist()[0]
+    told = pyarrow.parquet.read_table(tmp_path / "recorded_conditions.parquet").to_pylist()
+    assert [row["recording"] for row in told] == ["trained", "classical"]
+    assert told[1].items() - {"episode": 1, "recording": "classical"}.items() <= drawn.items() and told[1]["sea.hs"] > 0
+
+
+@pytest.mark.parametrize(
+    ("damage", "told"),
+    [
+        (lambda content: b"", "cannot be read"),
+        (lambda content: b"# a text\n" * 9, "cannot be read"),
+        (lambda content: content[: len(content) // 2], "cannot be read"),
+        (lambda content: content[:-1], "it is cut off"),
+        (None, "not a recording of this package"),
+    ],
+)
+def test_what_is_no_whole_recording_is_refused_by_name(damage, told, here, tmp_path):
+    file, out = tmp_path / "wrong.rrd", tmp_path / "table.csv"
+    name = "other" if damage is None else APPLICATION
+    with rr.RecordingStream(name, recording_id="1") as stream:
+        stream.save(file)
+        stream.log("plots/heave", rr.Scalars(1.0))
+    if damage is not None:
+        file.write_bytes(damage(file.read_bytes()))
+    here("rl.commands.export", file, "--out", out).fails("wrong.rrd", told)
+    assert not out.exists()
+
+
+def test_a_recording_without_tables_is_told(here, tmp_path):
+    with rr.RecordingStream(APPLICATION, recording_id="1") as stream:
+        stream.save(tmp_path / "old.rrd")
+        stream.log("plots/heave", rr.Scalars(1.0))
+    here("rl.commands.export", tmp_path / "old.rrd", "--out", tmp_path / "t.csv").fails("old.rrd", "no table in it")
 
 
 def test_tables_have_a_suffix_that_is_known(here, run, tmp_path):

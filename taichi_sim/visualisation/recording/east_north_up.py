@@ -56,6 +56,13 @@ def enu_flu_quaternion(quaternion_nb: Array) -> Array:
     return np.stack([-w, -z, y, x], -1)
 
 
+def into_body(orientation: Array, vector: Array) -> Array:
+    """World vectors [..., 3] in the body with orientation [..., 4] (x, y, z, w): v - 2w (q x v) + 2 q x (q x v)."""
+    q, w = orientation[..., :3], orientation[..., 3:]
+    across = 2 * np.cross(q, vector)
+    return vector - w * across + np.cross(q, across)
+
+
 def level_quaternion(course: Array) -> Array:
     """Quaternions [..., 4] (x, y, z, w), to ENU, of a level body that points along `course` [...] (rad)."""
     half = 0.5 * np.asarray(course, dtype=np.float64)

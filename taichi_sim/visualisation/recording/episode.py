@@ -6,7 +6,7 @@ Data of a mission are optional; what is missing is neither drawn nor plotted.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,6 +80,9 @@ class TeamTrack:
     slot_n: Array | None = None  # [T, V, 3] m, each vehicle's place in the formation; the leader's is the target
     error_m: Array | None = None  # [T, V] m, position error as the mission defines it
     reward: Array | None = None  # [T, V] per step
+    measured: Array | None = None  # [T, V, M] what the mission's judge shows over time
+    measured_names: tuple[str, ...] = ()  # M labels with units
+    ending: NDArray[np.object_] | None = None  # [T, V] name of what ends the vehicle's episode now, or None
     body: Body | None = None  # drawn surface; None: a boat or an aircraft of `size_m`
     airframe: Airframe | None = None  # for an aircraft; None: default proportions
     deck: Platform | None = None  # for a boat on which others land
@@ -104,6 +107,8 @@ class TeamTrack:
             "slot_n": (steps, vehicles, 3),
             "error_m": (steps, vehicles),
             "reward": (steps, vehicles),
+            "measured": (steps, vehicles, len(self.measured_names)),
+            "ending": (steps, vehicles),
             "air_n": (steps, vehicles, 3),
         }.items():
             array = getattr(self, name)
@@ -114,7 +119,7 @@ class TeamTrack:
         for name, signal in self.signals.items():
             self._check(f"signal {name}", signal.values, (steps, vehicles, len(signal.names)))
 
-    def _check(self, name: str, array: Array, shape: tuple[int, ...]) -> None:
+    def _check(self, name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
         if array.shape != shape:
             raise ValueError(f"team {self.name}: {name} is {array.shape}, wanted {shape}")
 
@@ -209,6 +214,7 @@ class Episode:
     waves: Waves | None = None  # components of `elevation`; None: unknown, or no waves
     like: "Episode | None" = None  # for a part of an episode: the episode that sets scales and layout
     ghost: "Episode | None" = None  # the same episode under another controller; its vehicles are drawn pale
+    conditions: Mapping[str, Any] = field(default_factory=dict)  # key -> a number, or one of each vehicle
 
     def __post_init__(self) -> None:
         """Refuse arrays that do not fit together."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 import torch
@@ -33,11 +33,12 @@ class EpisodeParts(TypedDict, total=False):
     """Arguments of `Recorder.episode`."""
 
     name: str | None
-    mission: Mapping[str, Mapping[str, Array]] | None
+    mission: Mapping[str, Mapping[str, Any]] | None
     scene: Scene | None
     events: Iterable[Event]
     overlays: Iterable[Overlay]
     config_text: str | None
+    conditions: Mapping[str, Any]
     like: Episode | None
 
 
@@ -118,7 +119,7 @@ class Recorder:
         """Named columns of a team's auxiliary state [T, V, n]."""
         return np.stack([row["aux"] for row in self._rows[team]])
 
-    def track(self, name: str, **mission: Array) -> TeamTrack:
+    def track(self, name: str, **mission: Any) -> TeamTrack:
         """TeamTrack of one team; `mission` gives its other fields: targets, slots, errors, rewards."""
         model, rows = self.world.teams[name].model, self._rows[name]
         keys = ("position_n", "quaternion_nb", "velocity_n", "angular_velocity_b", "wave_height")
@@ -147,11 +148,12 @@ class Recorder:
         self,
         name: str | None = None,
         *,
-        mission: Mapping[str, Mapping[str, Array]] | None = None,
+        mission: Mapping[str, Mapping[str, Any]] | None = None,
         scene: Scene | None = None,
         events: Iterable[Event] = (),
         overlays: Iterable[Overlay] = (),
         config_text: str | None = None,
+        conditions: Mapping[str, Any] | None = None,
         like: Episode | None = None,
     ) -> Episode:
         """Episode of all frames. A mission passes its own parts, which a bare world lacks.
@@ -159,7 +161,7 @@ class Recorder:
         Args:
             name: default: the scenario's.
             mission: team -> further fields of its TeamTrack, [T, ...].
-            scene, events, overlays: see Episode.
+            scene, events, overlays, conditions: see Episode.
             config_text: Markdown; default: the world's configuration.
             like: for a part of an episode, see Episode.
 
@@ -179,6 +181,7 @@ class Recorder:
             config_text=f"# {name}\n\n```toml\n{toml_text(config)}```\n" if config_text is None else config_text,
             events=tuple(events),
             overlays=tuple(overlays),
+            conditions=conditions or {},
             current_n=np.stack([current for current, _ in self._flows]),
             wind_n=np.stack([wind for _, wind in self._flows]),
             waves=lambda time_s: sea.waves_at(begin + time_s, index),

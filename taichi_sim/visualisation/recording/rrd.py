@@ -3,6 +3,7 @@
 A file is written under a temporary name, then renamed over the old one.
 """
 
+import json
 import os
 import uuid
 from collections.abc import Mapping
@@ -18,6 +19,7 @@ from taichi_sim.visualisation.recording.episode import Episode
 from taichi_sim.visualisation.recording.plots import send_plots
 from taichi_sim.visualisation.recording.rerun_stream import Stream
 from taichi_sim.visualisation.recording.static_scene import send_events, send_scene, send_sea
+from taichi_sim.visualisation.recording.table import CONDITIONS
 from taichi_sim.visualisation.recording.team_view import send_ghost, send_team
 
 APPLICATION = "taichi_sim"
@@ -30,6 +32,9 @@ def draw(stream: Stream, episode: Episode) -> None:
         stream.static("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         about = f"{arrow_text(episode)}{episode.config_text or f'# {episode.name}'}"
         stream.static("config", rr.TextDocument(about, media_type="text/markdown"))
+        if episode.conditions:
+            text = json.dumps(dict(episode.conditions))
+            stream.static(CONDITIONS, rr.TextDocument(text, media_type="application/json"))
         send_scene(stream, episode)
     send_sea(stream, episode)
     for team in episode.teams.values():

@@ -5,8 +5,10 @@ compresses well.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import rerun as rr
 from numpy.typing import NDArray
 
@@ -17,6 +19,7 @@ from taichi_sim.visualisation.recording.episode import Array, Episode, TeamTrack
 from taichi_sim.visualisation.recording.palette import PLUMB, TARGET, WATER, Colour
 from taichi_sim.visualisation.recording.rerun_stream import Stream
 from taichi_sim.visualisation.recording.sea_patch import OFF, Cadence, bias, rounded
+from taichi_sim.visualisation.recording.table import ENDING, TABLE, numbers_of
 
 TRAIL_S = 25.0  # age of the oldest point of a wake
 TRAIL_POINTS = -1.5  # radius of a trail in points of the screen, whatever the distance
@@ -174,8 +177,9 @@ def _followed(stream: Stream, episode: Episode, team: TeamTrack) -> rr.Component
 
 
 def _send_bodies(stream: Stream, episode: Episode, team: TeamTrack) -> None:
-    """Send the body of each vehicle and its pose."""
+    """Send the body of each vehicle, its pose, and its columns of a table (table.py)."""
     position, turn = enu(team.position_n), enu_quaternion(team.quaternion_nb)
+    numbers = numbers_of(team)
     for vehicle in range(team.vehicles):
         path = f"world/{team.name}/vehicle_{vehicle}"
         if not stream.has(path):
@@ -183,7 +187,10 @@ def _send_bodies(stream: Stream, episode: Episode, team: TeamTrack) -> None:
             normals, colours = body.normals_b, body.colours
             mesh = rr.Mesh3D(vertex_positions=body.vertices_b, vertex_normals=normals, vertex_colors=colours)
             stream.static(path, mesh)
-        stream.columns(path, rr.Transform3D.columns(translation=position[:, vehicle], quaternion=turn[:, vehicle]))
+        row: dict[str, Any] = {name: values[:, vehicle] for name, values in numbers.items()}
+        row |= {} if team.ending is None else {ENDING: pa.array([why or "" for why in team.ending[:, vehicle]])}
+        pose = rr.Transform3D.columns(translation=position[:, vehicle], quaternion=turn[:, vehicle])
+        stream.columns(path, [*pose, *rr.DynamicArchetype.columns(TABLE, components=row)])
 
 
 def send_ghost(stream: Stream, ghost: Episode) -> None:

@@ -16,7 +16,15 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from taichi_sim.kernels.conventions import GRAVITY
-from taichi_sim.visualisation.recording.east_north_up import Array, Origin, enu, enu_flu_quaternion, flu, geodetic
+from taichi_sim.visualisation.recording.east_north_up import (
+    Array,
+    Origin,
+    enu,
+    enu_flu_quaternion,
+    flu,
+    geodetic,
+    into_body,
+)
 from taichi_sim.visualisation.recording.episode import Episode, TeamTrack
 
 if TYPE_CHECKING:
@@ -35,13 +43,6 @@ def _level(course: Array) -> Array:
     """Quaternions [..., 4] of a level body that points along a course (rad, clockwise from north)."""
     half = 0.5 * (0.5 * np.pi - np.asarray(course, dtype=np.float64))
     return np.stack([0 * half, 0 * half, np.sin(half), np.cos(half)], axis=-1)
-
-
-def into_body(orientation: Array, vector: Array) -> Array:
-    """World vectors [..., 3] in the body with orientation [..., 4] (x, y, z, w): v - 2w (q x v) + 2 q x (q x v)."""
-    q, w = orientation[..., :3], orientation[..., 3:]
-    across = 2 * np.cross(q, vector)
-    return vector - w * across + np.cross(q, across)
 
 
 def _continuous(orientation: Array) -> Array:
