@@ -76,6 +76,7 @@ class StageConfig(Strict):
     steps_per_iteration: Annotated[int, Field(ge=2, le=1000)] = 24
     hidden_dims: Annotated[tuple[Annotated[int, Field(ge=1, le=4096)], ...], Field(min_length=1)] = (64, 64)
     activation: Literal["elu", "relu", "tanh"] = "elu"
+    gru: Annotated[int, Field(ge=0, le=4096)] = 0  # units of a GRU before the actor's layers: its memory; 0: none
     learning_rate: Annotated[Positive, Plausible(1e-7, 0.1)] = 1e-3
     learning_epochs: Annotated[int, Field(ge=1, le=100)] = 2
     mini_batches: Annotated[int, Field(ge=1, le=1000)] = 8
@@ -191,7 +192,7 @@ class Scenario(WorldConfig):
             for key, team in (("team", stage.team), *((f"joint[{k}]", team) for k, team in enumerate(stage.joint))):
                 yield from self._unfit_learner(f"stages.{name}.{key} = {team!r}", team)
                 earlier, begun = first.setdefault(team, (name, stage))
-                for own in ("hidden_dims", "activation", "critic"):
+                for own in ("hidden_dims", "activation", "gru", "critic"):
                     before, now = getattr(begun, own), getattr(stage, own)
                     if own not in stage.model_fields_set and before != now:
                         self.stages[name] = stage = stage.model_copy(update={own: before})
@@ -200,6 +201,9 @@ class Scenario(WorldConfig):
                             f"stages.{name}.{own} = {now!r}: {team} goes on with the networks of stages.{earlier}, "
                             f"where that is {before!r}"
                         )
+                if stage.gru and (stage.planning is not None or stage.mini_batches > stage.num_envs):
+                    why = "planning improves none" if stage.planning else f"mini_batches at most {stage.num_envs}"
+                    yield f"stages.{name}.gru = {stage.gru}: of actors with a memory, {why}"
                 if stage.planning is not None and stage.joint:
                     yield f"stages.{name}.joint = {list(stage.joint)}: one team at a time is improved by planning"
                 if stage.start_from is not None and begun is not stage:

@@ -99,6 +99,7 @@ class Team(Remembers, Generic[M, S]):
     Attributes:
         mission: the mission. name: of the team. section: the team's section of the scenario. fleet: the vehicles.
         action, previous_action: [env, vehicle, action] of the last two steps, zero at the start of an episode.
+        policy_memory: [env, vehicle, n] that its policy has kept; None: it keeps nothing (`recall`).
         ordered: velocity command [env, vehicle, axes] (NED, m/s) of the last step, where a policy corrects one.
         paid_by: name -> reward term, as the scenario has it. parts: those of the last reward, weighted.
     """
@@ -122,6 +123,7 @@ class Team(Remembers, Generic[M, S]):
             self.fleet.state.new_zeros((mission.num_envs, self.fleet.count, len(self.fleet.model.action_names)))
         )
         self.previous_action = self.remember(self.action)
+        self.policy_memory: Tensor | None = self.remember(None)
         self._controller: Controller | None = self.remember(None)
         source = mission.source
         self._door = Door(str(source or mission.config.name), [source.parent] if source else [], name)
@@ -151,6 +153,12 @@ class Team(Remembers, Generic[M, S]):
     def steps(self) -> Tensor:
         """int64 [env], decisions since the episode began."""
         return self.mission.steps
+
+    def recall(self, width: int) -> Tensor:
+        """What its policy has kept since the last decision [env, vehicle, width]; zero where an episode begins."""
+        if self.policy_memory is None:
+            return self.fleet.state.new_zeros((*self.fleet.never.shape, width), dtype=torch.float32)
+        return torch.where(self.steps.view(-1, 1, 1) > 0, self.policy_memory, 0.0)
 
     # -- phases of a step ------------------------------------------------------------------------------------------
 

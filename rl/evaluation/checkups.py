@@ -43,8 +43,11 @@ class _SideBySide:
         """Actions of the vehicles."""
         copies, seen = len(self.learned) + self.classical, team.observations()
         wanted = seen.new_zeros((*seen.shape[:2], len(team.action_names)))
+        memory = team.recall(max((policy.memory for policy in self.learned), default=0))
         for c, policy in enumerate(self.learned):
-            wanted[c::copies] = policy.act(seen[c::copies])
+            wanted[c::copies], kept = policy.go_on(seen[c::copies], memory[c::copies] if policy.memory else None)
+            memory[c::copies] = 0.0 if kept is None else kept
+        team.policy_memory = memory
         taken = team.taken(wanted).clone()
         if self.classical:
             classical = team.taken(team.checked(ClassicalPolicy()(team)))

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import torch
-from rsl_rl.models import MLPModel
+from rsl_rl.models import MLPModel, RNNModel
 from tensordict import TensorDict
 from torch import Tensor
 
@@ -24,6 +24,7 @@ UNREADABLE = (RuntimeError, EOFError, OSError, ValueError, LookupError, Attribut
 """What reading a file that is no whole checkpoint raises."""
 UNTRAINED = "model_0.pt"  # the weights with which a team's training begins
 STD = "distribution.std_param"  # name of an actor's exploration noise
+INTO_MEMORY = "rnn.rnn.weight_ih_l0"  # name of the weights from observations to the units of an actor's memory
 OBS_GROUPS = {"actor": ["policy"], "critic": ["policy"]}
 
 
@@ -38,13 +39,22 @@ def actor_config(stage: StageConfig) -> dict:
     second obstacle in range) by their tiny spread. Policies then met such moments with inputs far outside their
     training, and swerved: follower errors of 2-3 m rms became 0.1 m without it.
     """
+    memory = {"class_name": "RNNModel", "rnn_type": "gru", "rnn_hidden_dim": stage.gru}
     return {
-        "class_name": "MLPModel",
+        **(memory if stage.gru else {"class_name": "MLPModel"}),
         "hidden_dims": list(stage.hidden_dims),
         "activation": stage.activation,
         "obs_normalization": False,
         "distribution_cfg": {"class_name": "GaussianDistribution", "init_std": stage.initial_std},
     }
+
+
+def make_actor(stage: StageConfig, observations: int, actions: int) -> MLPModel:
+    """A stage's actor network, with initial weights."""
+    options = actor_config(stage)
+    kind = {"MLPModel": MLPModel, "RNNModel": RNNModel}[options.pop("class_name")]
+    example = TensorDict({"policy": torch.zeros(1, observations)}, batch_size=[1])
+    return kind(example, OBS_GROUPS, "actor", actions, **options)
 
 
 def read_checkpoint(file: Path) -> dict:
@@ -91,6 +101,7 @@ class TrainedPolicy:
         self.actor, self.source = actor.eval().requires_grad_(False), source
         self.signature = dict(signature or {})
         self._fits: Team | None = None  # the last team that passed `check`
+        self.memory = actor.rnn.rnn.hidden_size if isinstance(actor, RNNModel) else 0  # numbers, of each vehicle
 
     @classmethod
     def load(cls, file: Path, stage: StageConfig) -> "TrainedPolicy":
@@ -98,12 +109,8 @@ class TrainedPolicy:
         content = read_checkpoint(file)
         state, infos = content["actor_state_dict"], content.get("infos") or {}
         try:
-            size = state["mlp.0.weight"].shape[-1]
-            example = TensorDict({"policy": torch.zeros(1, size)}, batch_size=[1])
-            options = actor_config(stage)
-            options.pop("class_name")
-            actions = state[STD].shape[0]
-            actor = MLPModel(example, OBS_GROUPS, "actor", actions, **options)
+            size = state[INTO_MEMORY if stage.gru else "mlp.0.weight"].shape[-1]
+            actor = make_actor(stage, size, state[STD].shape[0])
             actor.load_state_dict(state, strict=True)
         except (KeyError, RuntimeError, AttributeError, TypeError) as error:
             first = str(error).splitlines()[0]
@@ -123,14 +130,24 @@ class TrainedPolicy:
             self.check(team)
             self.actor.to(team.fleet.state.device)
             self._fits = team
-        return self.act(team.observations())
+        if not self.memory:
+            return self.act(team.observations())
+        actions, team.policy_memory = self.go_on(team.observations(), team.recall(self.memory))
+        return actions
 
     def check(self, team: Team) -> None:
         """Refuse a team whose observations or actions are not those of the training (`check_signature`)."""
         check_signature(self.signature, team, self.source)
 
     def act(self, observations: Tensor) -> Tensor:
-        """Actions [env, vehicle, action] in [-1, 1] for observations [env, vehicle, n]."""
+        """Actions [env, vehicle, action] in [-1, 1] for observations [env, vehicle, n] as episodes begin."""
+        return self.go_on(observations, None)[0]
+
+    def go_on(self, observations: Tensor, memory: Tensor | None) -> tuple[Tensor, Tensor | None]:
+        """`act`, and the memory after it, with that [env, vehicle, `TrainedPolicy.memory`] of the last decision.
+
+        None: episodes begin, or the policy has no memory.
+        """
         if observations.shape[-1] != self.num_observations:
             raise CheckpointError(
                 f"{self.source}: this policy was trained on {self.num_observations} observations and the scenario "
@@ -138,8 +155,11 @@ class TrainedPolicy:
             )
         with torch.no_grad():
             rows = observations.flatten(0, 1).float()
+            self.actor.reset(hidden_state=None if memory is None else memory.reshape(1, len(rows), -1))
             actions = self.actor(TensorDict({"policy": rows}, batch_size=[rows.shape[0]]))
-            return actions.view(*observations.shape[:2], -1).clamp(-1.0, 1.0)
+            after = self.actor.get_hidden_state()
+            kept = after.view(*observations.shape[:2], -1) if isinstance(after, Tensor) else None
+            return actions.view(*observations.shape[:2], -1).clamp(-1.0, 1.0), kept
 
 
 def check_signature(signature: Mapping[str, Sequence[str]], team: Team, source: str) -> None:

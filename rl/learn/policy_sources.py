@@ -7,7 +7,8 @@
 
 Each may stand behind TEAM=. A network or a function is called with float32 rows: one for each vehicle, or, where the
 network's width says so, one for all vehicles of an environment side by side. It answers with actions in [-1, 1], and
-keeps no state: the same observations give the same actions, whatever stands in other rows.
+keeps no state: the same observations give the same actions, whatever stands in other rows. A network that has a memory
+takes it as a second input [row, unit], of each vehicle, and gives it back as a second output; an episode begins with 0.
 """
 
 import hashlib
@@ -15,7 +16,7 @@ import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import onnx
@@ -41,8 +42,8 @@ ABOUT = "policies.json"  # beside shipped policies: how they were made, their fi
 SAME = 1e-4  # actions that rounding alone may differ by, between batches of other sizes
 OTHER = 0.5  # factor on observations that makes others of the same size
 
-Rows = Callable[[Tensor], Any]
-"""float32 [row, n] -> [row, action], a tensor or an array."""
+Rows = Callable[..., Any]
+"""float32 [row, n] -> [row, action], a tensor or an array; with a memory: [row, n], [row, unit] -> both."""
 
 
 # -- ONNX --------------------------------------------------------------------------------------------------------------
@@ -72,7 +73,8 @@ class Network:
     """The network of an ONNX file, computed by onnx's own evaluator: every operator, no runtime to install.
 
     Attributes:
-        inputs: numbers in a row; None if the file leaves it open. signature: names in its metadata. weights: by name.
+        inputs: numbers in a row; None if the file leaves it open. memory: units of its memory, 0: it has none.
+        signature: names in its metadata. weights: by name.
     """
 
     def __init__(self, file: Path):
@@ -86,26 +88,35 @@ class Network:
             raise CheckpointError(f"{file}: not a network in ONNX: {type(error).__name__}: {error}") from None
         self.weights = {tensor.name: tensor for tensor in model.graph.initializer}
         inputs = [entry for entry in model.graph.input if entry.name not in self.weights]
-        for what, entries in (("inputs", inputs), ("outputs", list(model.graph.output))):
-            if len(entries) != 1:
+        outputs = list(model.graph.output)
+        kept = _sizes(inputs[1]) if len(inputs) == len(outputs) == 2 else []
+        self.memory = kept[1] or 0 if len(kept) == 2 else 0
+        for what, entries in (("inputs", inputs), ("outputs", outputs)):
+            if len(entries) != 1 and not self.memory:
                 names = ", ".join(entry.name for entry in entries)
                 more = (
                     "there is no network in this file" if not entries else
                     "export the actions alone, without values or probabilities" if len(inputs) == 1 else
-                    "a policy that keeps state between decisions cannot be judged here"
+                    "a memory is a second input and a second output [row, unit]"
                 )  # fmt: skip
                 raise CheckpointError(
                     f"{file}: its {what} are {names or 'none'}: wanted is one, observations to actions; {more}"
                 )
-        kind = inputs[0].type.tensor_type
-        sizes = kind.shape.dim
-        self._name, self._dtype = inputs[0].name, onnx.helper.tensor_dtype_to_np_dtype(kind.elem_type)
-        self.inputs = (sizes[-1].dim_value or None) if len(sizes) else None
+        self._kinds = {of.name: onnx.helper.tensor_dtype_to_np_dtype(of.type.tensor_type.elem_type) for of in inputs}
+        self.inputs = (_sizes(inputs[0]) or [None])[-1]
 
-    def __call__(self, rows: Tensor) -> np.ndarray:
-        """Actions [row, action] of observations [row, n]."""
+    def __call__(self, *rows: Tensor) -> Any:
+        """Actions [row, action] of observations [row, n]; of a network with a memory [row, unit], that after, too."""
+        kinds = zip(self._kinds.items(), rows, strict=True)
+        given = {name: of.cpu().numpy().astype(kind) for (name, kind), of in kinds}
         with runtime.torch_at_rest():
-            return self._evaluator.run(None, {self._name: rows.cpu().numpy().astype(self._dtype)})[0]  # pyright: ignore
+            found = cast(Sequence[np.ndarray], self._evaluator.run(None, given))
+        return found if self.memory else found[0]
+
+
+def _sizes(entry: onnx.ValueInfoProto) -> list[int | None]:
+    """The sizes of an input or output; None where a file leaves one open."""
+    return [size.dim_value or None for size in entry.type.tensor_type.shape.dim]
 
 
 # -- policies ----------------------------------------------------------------------------------------------------------
@@ -119,10 +130,13 @@ class RowPolicy:
     """
 
     def __init__(
-        self, rows: Rows, source: str, inputs: int | None = None, signature: Mapping[str, Sequence[str]] | None = None
-    ):
-        """A policy that calls `rows`; `inputs` numbers in a row, None: one vehicle's observations."""
-        self._rows, self._inputs, self.source = rows, inputs, source
+        self, rows: Rows, source: str, inputs: int | None = None, signature: Mapping[str, Sequence[str]] | None = None,
+        memory: int = 0,
+    ):  # fmt: skip
+        """A policy that calls `rows`; `inputs` numbers in a row, None: one vehicle's observations; `memory`: its units
+        of each vehicle.
+        """
+        self._rows, self._inputs, self.source, self.memory = rows, inputs, source, memory
         self._signature = dict(signature or {})
         self.named = "observations" in self._signature
         self._fits: Team | None = None  # the last team that passed `check`
@@ -134,33 +148,44 @@ class RowPolicy:
         if self._fits is not team:
             self.check(team, seen)
             self._fits = team
-        return self._act(team, seen).to(seen)
+        actions, kept = self._act(team, seen, team.recall(self.memory) if self.memory else None)
+        if kept is not None:
+            team.policy_memory = kept
+        return actions.to(seen)
 
     def check(self, team: Team, seen: Tensor) -> None:
         """Refuse a team that this policy does not fit, and a policy that keeps state, by what it does with `seen`."""
         check_signature(self._signature, team, self.source)
         each, count = seen.shape[-1], team.fleet.count
-        if self._inputs not in (None, each, each * count):
+        if self._inputs not in (None, each, each if self.memory else each * count):
             raise CheckpointError(
                 f"{self.source}: it takes {self._inputs} observations; a vehicle of {team.name} has {each}, all "
                 f"{count} have {each * count} (taichi-sim describe lists them)"
             )
         self._together = 1 if self._inputs in (None, each) else count
         two = torch.cat((seen, OTHER * seen))
-        once, turned, again = self._act(team, two), self._act(team, two.flip(0)).flip(0), self._act(team, seen)
+        once, turned, again = (self._act(team, rows)[0] for rows in (two, two.flip(0), seen))
+        turned = turned.flip(0)
         if max(float((once - turned).abs().max()), float((once[: len(seen)] - again).abs().max())) > SAME:
             raise CheckpointError(
                 f"{self.source}: the same observations give other actions when other rows come before or beside them: "
                 "a policy keeps no state, draws no random numbers, and decides for each row alone"
             )
 
-    def _act(self, team: Team, seen: Tensor) -> Tensor:
-        """Actions [env, vehicle, action] for observations [env, vehicle, n]."""
-        names = team.action_names
+    def _act(self, team: Team, seen: Tensor, memory: Tensor | None = None) -> tuple[Tensor, Tensor | None]:
+        """Actions [env, vehicle, action] for observations [env, vehicle, n], and the memory after them; see
+        `TrainedPolicy.go_on`.
+        """
+        names, kept = team.action_names, None
         rows = seen.float().reshape(-1, self._together * seen.shape[-1])
         try:
             with torch.no_grad():
-                taken = torch.as_tensor(self._rows(rows))
+                if self.memory:
+                    before = rows.new_zeros((len(rows), self.memory)) if memory is None else memory.flatten(0, 1)
+                    taken, after = map(torch.as_tensor, self._rows(rows, before))
+                    kept = after.to(rows).view(*seen.shape[:2], self.memory)
+                else:
+                    taken = torch.as_tensor(self._rows(rows))
         except Exception as error:
             raise CheckpointError(f"{self.source}: {type(error).__name__}: {error}") from error
         wanted = (len(rows), self._together * len(names))
@@ -176,13 +201,13 @@ class RowPolicy:
                 f"{self.source}: its action {names[wrong[2]]!r} of {team.name} is {float(taken[tuple(wrong)]):.4g}: "
                 "actions are finite and from -1 to 1: clip them in the policy"
             )
-        return taken
+        return taken, kept
 
 
 def read_onnx(file: Path) -> RowPolicy:
     """The policy in an ONNX file."""
     network = Network(file)
-    return RowPolicy(network, str(file), network.inputs, network.signature)
+    return RowPolicy(network, str(file), network.inputs, network.signature, network.memory)
 
 
 # -- sources -----------------------------------------------------------------------------------------------------------

@@ -129,6 +129,18 @@ class Piece(NamedTuple):
     advantages: Tensor
 
 
+class RecurrentPPO(PPO):
+    """rsl-rl's own update, for actors with a memory: stretches between two beginnings pass through it as a whole."""
+
+    def reduce_parameters(self) -> None:
+        """Average the gradients of all processes."""
+        gradients = [p.grad for part in (self.actor, self.critic) for p in part.parameters() if p.grad is not None]
+        whole = torch.cat([of.flatten() for of in gradients])
+        ranks.average_(whole)
+        for of, mean in zip(gradients, whole.split([of.numel() for of in gradients]), strict=True):
+            of.copy_(mean.view_as(of))
+
+
 class LeanPPO(PPO):
     """PPO (Schulman et al. 2017, arXiv:1707.06347) as rl.learn.runner.ppo_config configures it.
 

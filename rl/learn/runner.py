@@ -22,7 +22,7 @@ from rl.learn.policy import (
     read_checkpoint,
     write_checkpoint,
 )
-from rl.learn.ppo import LeanPPO
+from rl.learn.ppo import LeanPPO, RecurrentPPO
 from rl.learn.progress import COLUMNS, HISTORY, ProgressLogger, spent, trim_history, writer_config
 from rl.learn.start_from import STARTED, fit_actor
 from rl.runs import ranks, signals
@@ -33,16 +33,17 @@ from taichi_sim.errors import UserError
 def ppo_config(stage: StageConfig, privileged: bool = False) -> dict[str, object]:
     """rsl-rl's configuration of a stage; `privileged`: the critic also gets privileged information."""
     network = actor_config(stage)
-    critic = {k: v for k, v in network.items() if k != "distribution_cfg"}
+    critic = {key: network[key] for key in ("hidden_dims", "activation", "obs_normalization")}
+    update = PlannedImprovement if stage.planning else RecurrentPPO if stage.gru else LeanPPO
     return {
         "class_name": "OnPolicyRunner",
         "num_steps_per_env": stage.steps_per_iteration,
         "save_interval": stage.checkpoint_interval,
         "obs_groups": OBS_GROUPS | ({"critic": ["policy", "truth"]} if privileged else {}),
         "actor": network,
-        "critic": critic,
+        "critic": critic | {"class_name": "MLPModel"},
         "algorithm": {
-            "class_name": PlannedImprovement if stage.planning else LeanPPO,
+            "class_name": update,
             "learning_rate": stage.learning_rate,
             "num_learning_epochs": stage.learning_epochs,
             "num_mini_batches": stage.mini_batches,

@@ -16,12 +16,13 @@ import torch
 from rsl_rl.models import MLPModel
 from torch import Tensor
 
-from rl.learn.policy import STD, CheckpointError, checkpoints, read_checkpoint
+from rl.learn.policy import INTO_MEMORY, STD, CheckpointError, checkpoints, read_checkpoint
 from rl.learn.policy_sources import SUFFIX, Network, shipped_files
 from rl.scenario import PRETRAINED, Scenario
 from taichi_sim.errors import refuse
 
 STARTED = "started_from"  # in a checkpoint's infos: weights that may be of another network
+MEMORY = "rnn."  # before the names of the weights of an actor's memory
 NETWORK = "network."  # before the names of an exported actor's weights (export.py)
 
 
@@ -75,29 +76,42 @@ def fit_actor(
     """Write the first layers of `weights` that fit into `actor`; say which. Names `before` and `now` as of a signature.
 
     Observations of the same name keep their weights; the others begin at weight 0, so that at first the policy acts as
-    if they were not there. Actions of the same name keep theirs; the others begin anew.
+    if they were not there. Actions of the same name keep theirs; the others begin anew. A memory of as many units
+    counts as the first layer.
     """
     own, taken = actor.state_dict(), []
     layers = [key.removesuffix(".weight") for key in own if key.endswith(".weight")]
-    for layer in layers:
+    remembers = INTO_MEMORY in own
+    if remembers:
+        fits = all(key in weights and len(weights[key]) == len(own[key]) for key in own if key.startswith(MEMORY))
+        old, new = weights.get(INTO_MEMORY) if fits else None, own[INTO_MEMORY]
+        if columns := _shared("observations", True, old, 1, new.shape[1], before, now):
+            into, out = map(list, zip(*columns, strict=True))
+            for key in (key for key in own if key.startswith(MEMORY) and key != INTO_MEMORY):
+                own[key].copy_(weights[key])
+            new.zero_()[:, into] = weights[INTO_MEMORY][:, out].to(new)
+            taken.append(f"memory ({len(columns)} of {new.shape[1]} observations)")
+    for layer in layers if remembers == bool(taken) == (INTO_MEMORY in weights) else ():
         new, old = own[f"{layer}.weight"], weights.get(f"{layer}.weight")
+        first = layer == layers[0] and not remembers
         rows = _shared("actions", layer == layers[-1], old, 0, len(new), before, now)
-        columns = _shared("observations", layer == layers[0], old, 1, new.shape[1], before, now)
+        columns = _shared("observations", first, old, 1, new.shape[1], before, now)
         if old is None or not rows or not columns:
             break
-        if layer == layers[0]:
+        if first:
             new.zero_()
         to, of = (torch.tensor(side) for side in zip(*rows, strict=True))
         into, out = (torch.tensor(side) for side in zip(*columns, strict=True))
         new[to[:, None], into] = old[of[:, None], out].to(new)
         own[f"{layer}.bias"][to] = weights[f"{layer}.bias"][of].to(new)
-        of_all = f"{len(columns)} of {new.shape[1]} observations" * (layer == layers[0])
+        of_all = f"{len(columns)} of {new.shape[1]} observations" * first
         of_all += f"{len(rows)} of {len(new)} actions" * (layer == layers[-1])
-        taken.append(f"layer {len(taken) + 1}" + (f" ({of_all})" if of_all else ""))
+        taken.append(f"layer {len(taken) + 1 - remembers}" + (f" ({of_all})" if of_all else ""))
     names = set(now["observations"]) - set(before.get("observations", now["observations"]))
     told = [", ".join(taken) or "no layer: all begin anew"]
     told += [f"at weight 0: {', '.join(sorted(names))}"] * bool(names and taken)
-    told += [f"anew: {len(layers) - len(taken)} of {len(layers)} layers"] * (0 < len(taken) < len(layers))
+    left = len(layers) + remembers - len(taken)
+    told += [f"anew: {left} of {len(layers) + remembers} layers"] * bool(taken and left)
     return "; ".join(told)
 
 

@@ -4,10 +4,8 @@ from pathlib import Path
 
 import pytest
 import torch
-from rsl_rl.models import MLPModel
-from tensordict import TensorDict
 
-from rl.learn.policy import OBS_GROUPS, CheckpointError, TrainedPolicy, actor_config, read_checkpoint, write_checkpoint
+from rl.learn.policy import CheckpointError, TrainedPolicy, make_actor, read_checkpoint, write_checkpoint
 from rl.scenario import StageConfig
 from tests.fuzz.limits import within
 from tests.fuzz.mutate import mutations
@@ -18,10 +16,8 @@ STAGE = StageConfig(team="usv", hidden_dims=(4,))
 
 def saved(file: Path) -> Path:
     """A whole checkpoint of five observations and two actions."""
-    options = {key: value for key, value in actor_config(STAGE).items() if key != "class_name"}
-    example = TensorDict({"policy": torch.zeros(1, 5)}, batch_size=[1])
     torch.manual_seed(1)
-    actor = MLPModel(example, OBS_GROUPS, "actor", 2, **options)
+    actor = make_actor(STAGE, 5, 2)
     names = {"observations": list("abcde"), "actions": ["left", "right"]}
     write_checkpoint({"actor_state_dict": actor.state_dict(), "iter": 7, "infos": names}, file)
     return file

@@ -54,7 +54,8 @@ def test_a_recording_holds_the_table_of_its_episode(here, run, tmp_path):
     for name in wanted.schema.names[1:]:
         values = [table[name].to_pylist() for table in (wanted, recorded)]
         if isinstance(values[0][0], float):
-            np.testing.assert_allclose(*(np.array(of, float) for of in values), atol=2e-5, err_msg=name)
+            one, other = (np.array(of, float) for of in values)
+            np.testing.assert_allclose(one, other, atol=2e-5, err_msg=name)
         else:
             assert values[0] == values[1], name
     assert not beside["action_yaw"].equals(recorded["action_yaw"])

@@ -10,7 +10,7 @@ from gym_envs import IDS, REASONS, SHORT, SMALL, both, make_vec, place_on_an_obs
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 
-from rl.learn.policy import OBS_GROUPS, CheckpointError, TrainedPolicy, actor_config
+from rl.learn.policy import CheckpointError, TrainedPolicy, make_actor
 from rl.missions import load_scenario
 from rl.runs.folder import CONFIG, RunError
 from taichi_sim.config.io import write_toml
@@ -155,14 +155,8 @@ def test_an_ending_of_the_other_team_truncates() -> None:
 
 def save_policy(folder, observations: int, actions: int) -> None:
     """A checkpoint of an untrained actor of the shipped stage."""
-    from rsl_rl.models import MLPModel
-    from tensordict import TensorDict
-
-    options = actor_config(load_scenario(overrides=SMALL).stages["uav"])
-    options.pop("class_name")
-    example = TensorDict({"policy": torch.zeros(1, observations)}, batch_size=[1])
     torch.manual_seed(0)
-    actor = MLPModel(example, OBS_GROUPS, "actor", actions, **options)
+    actor = make_actor(load_scenario(overrides=SMALL).stages["uav"], observations, actions)
     folder.mkdir()
     torch.save({"actor_state_dict": actor.state_dict(), "iter": 1}, folder / "model_1.pt")
 

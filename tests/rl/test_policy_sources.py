@@ -158,16 +158,28 @@ def test_a_network_of_no_or_several_outputs_is_told(outputs, told, tmp_path):
         read_onnx(file)
 
 
-def test_a_recurrent_network_is_refused(tmp_path):
+@pytest.mark.parametrize("memories", [1, 2])
+def test_a_network_of_anybody_has_one_memory_of_each_vehicle(memories, boats, tmp_path):
     class Recurrent(nn.Module):
-        def forward(self, obs, hidden):
-            hidden = torch.tanh(obs + hidden)
-            return hidden, hidden
+        def forward(self, obs, *kept):
+            after = tuple(0.5 * one + obs[:, :3] for one in kept)
+            return torch.tanh(after[0][:, :2]), *after
 
-    torch.onnx.export(Recurrent(), (torch.zeros(1, 2),) * 2, str(tmp_path / "r.onnx"), input_names=["obs", "hidden"],
-                      dynamo=False)  # fmt: skip
-    with pytest.raises(CheckpointError, match="its inputs are obs, hidden: wanted is one"):
-        read_onnx(tmp_path / "r.onnx")
+    example = torch.zeros(1, boats.observations().shape[-1]), *[torch.zeros(1, 3)] * memories
+    torch.onnx.export(Recurrent(), example, str(tmp_path / "r.onnx"), dynamo=False,
+                      input_names=["obs", *"hc"[:memories]])  # fmt: skip
+    if memories == 2:
+        with pytest.raises(CheckpointError, match="its inputs are obs, h, c: .* a memory is a second input"):
+            read_onnx(tmp_path / "r.onnx")
+        return
+    policy, seen = read_onnx(tmp_path / "r.onnx"), boats.observations()[..., :3]
+    first = policy(boats)
+    boats.steps.add_(1)
+    second = policy(boats)
+    boats.steps.zero_()
+    torch.testing.assert_close(first, torch.tanh(seen[..., :2]))
+    torch.testing.assert_close(second, torch.tanh(1.5 * seen[..., :2]))
+    assert policy(boats).equal(first)
 
 
 def test_evaluate_takes_a_scenario_and_a_file_for_one_team(here, tmp_path):

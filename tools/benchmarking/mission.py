@@ -10,13 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from rsl_rl.models import MLPModel
-from tensordict import TensorDict
 from tqdm import tqdm
 
 from rl.adapters.render import Pictures
 from rl.learn.env import MissionEnv
-from rl.learn.policy import OBS_GROUPS, TrainedPolicy, actor_config
+from rl.learn.policy import TrainedPolicy, make_actor
 from rl.learn.runner import StageRunner
 from rl.mission import Mission, Team
 from rl.missions import load_scenario, make_mission
@@ -69,10 +67,7 @@ def random_decisions(task: Mission) -> Callable[[], object]:
 
 def untrained_policy(team: Team, stage: StageConfig) -> TrainedPolicy:
     """A network of the configured size with initial weights."""
-    example = TensorDict({"policy": team.observations().flatten(0, 1)[:1]}, batch_size=[1])
-    options = actor_config(stage)
-    options.pop("class_name")
-    return TrainedPolicy(MLPModel(example, OBS_GROUPS, "actor", len(team.action_names), **options))
+    return TrainedPolicy(make_actor(stage, team.observations().shape[-1], len(team.action_names)))
 
 
 def policy_decisions(task: Mission, stages: dict[str, StageConfig]) -> Callable[[], object]:
