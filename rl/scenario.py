@@ -106,7 +106,7 @@ class Evaluation(Strict):
 
     episodes: Annotated[int, Field(ge=1, le=100_000)] = 256
     seed: Annotated[int, Field(ge=0)] = 1000
-    settle: NonNegative = 20.0  # s at the start of an episode that are not measured
+    settle: Annotated[NonNegative, Plausible(0.5, 2e3, "s")] = 20.0  # at the start of an episode that are not measured
 
 
 class Scenario(WorldConfig):
@@ -116,7 +116,7 @@ class Scenario(WorldConfig):
 
     name: Annotated[str, Field(min_length=1)]  # pyright: ignore[reportGeneralTypeIssues] (no default here)
     mission: Annotated[str, Field(min_length=1)] = "formation"  # a name in rl/missions, or module:Class
-    episode_duration: Annotated[float, Field(gt=0, le=100_000)] = 60.0  # s
+    episode_duration: Annotated[float, Field(gt=0, le=100_000), Plausible(1.0, 2e4, "s")] = 60.0
     stages: dict[str, StageConfig] = {}
     evaluation: Evaluation = Evaluation()
     replaced: tuple[str, ...] = ()  # what changed with a vehicle that an override has set (other_vehicle.py); written

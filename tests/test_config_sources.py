@@ -184,5 +184,5 @@ def test_values_cannot_change_after_reading():
 def test_steps_follow_from_times():
     config = load_scenario("paper", ["dt=0.02", "decision_interval=0.1", "episode_duration=60"])
     assert (config.substeps("usv", 0.1), config.episode_steps) == (5, 600)  # 0.1 / 0.02, 60 / 0.1
-    config = load_scenario("paper", ["dt=0.05", "decision_interval=0.15", "episode_duration=0.01"])
+    config = load_scenario("paper", ["dt=0.05", "decision_interval=0.15", "episode_duration=0.14"])
     assert (config.substeps("usv", 0.1), config.episode_steps) == (3, 1)

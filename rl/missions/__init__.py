@@ -64,6 +64,7 @@ def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = (), the
         with named(f"{file}: ", ConfigError):
             changed = at_stage(config, name)
         if stage.set:
+            judge(changed, f"{file}: stages.{name}.set")
             _check_teams(kind, changed, f"{file}: stages.{name}.set", [file.parent], {})
     return config
 

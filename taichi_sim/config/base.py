@@ -27,6 +27,7 @@ NonNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
 NonPositive = Annotated[float, Field(ge=-LARGEST, le=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
+Direction = Annotated[float, Field(ge=-720, le=720, allow_inf_nan=False)]  # deg, clockwise from north
 Table: TypeAlias = dict[str, object]
 """A table of TOML: values, arrays and tables by key."""
 

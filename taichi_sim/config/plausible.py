@@ -168,7 +168,7 @@ def _inside(kind: Any, value: Any, key: str, ranges: tuple[Plausible, ...], chai
         kinds = typing.get_args(_unwrapped(kind)[0])
         kinds = kinds[:1] * len(value) if Ellipsis in kinds else kinds or (None,) * len(value)
         for i, (one, item) in enumerate(zip(kinds, value, strict=True)):
-            yield from _inside(one, item, f"{key}.{i}", (), chain)
+            yield from _inside(one, item, f"{key}.{i}", ranges, chain)
 
 
 @cache

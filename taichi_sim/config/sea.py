@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from taichi_sim.config.base import Finite, NonNegative, Positive, Strict, meant
+from taichi_sim.config.base import Direction, Finite, NonNegative, Positive, Strict, meant
 
 # Speeds of tidal constituents, degrees an hour (Schureman 1958, Manual of Harmonic Analysis, table 2).
 CONSTITUENTS = {
@@ -42,7 +42,7 @@ class TideConfig(Strict):
     `constituents = { M2 = { amplitude = 0.6, phase_deg = 40.0 }, ... }`, with their usual names.
     """
 
-    direction_deg: Finite = 0.0  # direction the flood flows to, clockwise from north
+    direction_deg: Direction = 0.0  # direction the flood flows to, clockwise from north
     constituents: Annotated[dict[str, ConstituentConfig], Field(min_length=1)]
 
     def _mistakes(self) -> Iterator[str]:
@@ -57,12 +57,12 @@ class CurrentConfig(Strict):
     """
 
     speed: Annotated[float, Field(ge=0, le=10)] = 0.0  # mean at the surface, m/s
-    direction_deg: Finite = 0.0  # direction the mean current flows to, clockwise from north
+    direction_deg: Direction = 0.0  # direction the mean current flows to, clockwise from north
     series: File | None = None  # CSV of the mean over time (series.py), instead of these two
     tide: TideConfig | None = None
     profile: Literal["uniform", "power"] = "uniform"  # over depth; power: (1 - d / depth)^(1/7), needs sea.depth
     std: Annotated[float, Field(ge=0, le=5)] = 0.0  # deviation of the fluctuation of each component (north, east), m/s
-    time_constant: Positive = 300.0  # time constant of that fluctuation, s (assumed)
+    time_constant: Annotated[float, Field(ge=0.1, le=1e5)] = 300.0  # time constant of that fluctuation, s (assumed)
 
     def _mistakes(self) -> Iterator[str]:
         if self.series is not None and self.speed:
@@ -110,7 +110,7 @@ class SwellConfig(Strict):
     hs: Height
     tp: Period | None = None  # omitted: that of a swell of the height `hs` (wind_sea.py)
     gamma_js: Peakedness = 5.0
-    direction_deg: Finite = 0.0  # mean direction the swell travels to, clockwise from north
+    direction_deg: Direction = 0.0  # mean direction the swell travels to, clockwise from north
     spreading_s: SpreadingExponent = 50.0
     components: ComponentCount = 8  # in addition to those of the wind sea; together at most 64
 
@@ -140,7 +140,7 @@ class SeaConfig(Strict):
     fetch: Annotated[float, Field(ge=0.1, le=1e7)] | None = None  # distance over which that wind blows, m
     follows_wind: bool = False  # the sea is raised by the wind of [air] and travels with it
     gamma_js: Peakedness = 3.3  # peakedness of a JONSWAP spectrum (Hasselmann et al. 1973: 3.3)
-    direction_deg: Finite = 45.0  # mean direction the waves travel to, clockwise from north
+    direction_deg: Direction = 45.0  # mean direction the waves travel to, clockwise from north
     spreading_s: SpreadingExponent = 10.0  # this and direction_deg also apply to a measured spectrum without directions
     components: ComponentCount = 16  # components of the wind sea per realisation; default for a measured sea: 32
     amplitudes: Literal["exact", "random"] = "exact"  # random: Rayleigh's, for each component (Tucker et al. 1984)

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import ConfigDict, Field
 
-from taichi_sim.config.base import Finite, NonNegative, Positive, Strict, meant
+from taichi_sim.config.base import Direction, Finite, NonNegative, Positive, Strict, meant
 from taichi_sim.config.sea import SeaConfig
 from taichi_sim.config.vary import CONDITIONS, SIZE, Ranges
 
@@ -26,7 +26,7 @@ class GustConfig(Strict):
     rise_time: Positive | None = None  # time from zero to the peak, s
     start_north: Finite | None = None  # m
     start_east: Finite | None = None  # m
-    direction_deg: Finite | None = None  # direction in which the gust grows from its start, clockwise from north
+    direction_deg: Direction | None = None  # direction in which the gust grows from its start, clockwise from north
     length: Positive | None = None  # from zero to the peak, m (gradient distance H of 25.341, d_m of MIL-F-8785C)
 
     def _mistakes(self) -> Iterator[str]:
@@ -42,14 +42,14 @@ class AirConfig(Strict):
 
     speed: WindSpeed | None = None  # mean wind 10 m above the sea, m/s
     beaufort: Annotated[int, Field(ge=0, le=12)] | None = None  # stands for the middle of that force's speeds
-    direction_deg: Finite = 0.0  # the wind blows from here, clockwise from north
+    direction_deg: Direction = 0.0  # the wind blows from here, clockwise from north
     series: Annotated[str, Field(min_length=1)] | None = None  # CSV of the mean wind over time (series.py), at 10 m
     profile: Literal["log", "power", "uniform"] = "log"  # mean wind over height
     roughness: Annotated[float, Field(ge=1e-6, le=1)] | None = None  # z0 of the log profile, m; omitted: Charnock's
     charnock: Annotated[float, Field(ge=0.005, le=0.05)] = 0.0144  # Garratt 1977; 0.011 (open sea) to 0.0185 (coast)
     exponent: Annotated[float, Field(ge=0, le=0.5)] = 1 / 7  # for the power profile; 0.11 over sea (Hsu et al. 1994)
     std: Annotated[float, Field(ge=0, le=20)] = 0.0  # deviation of each component's (north, east) slow variation, m/s
-    time_constant: Positive = 300.0  # time constant of that variation, s (assumed)
+    time_constant: Annotated[float, Field(ge=0.1, le=1e5)] = 300.0  # time constant of that variation, s (assumed)
     turbulence: Literal["none", "dryden"] = "none"
     turbulence_w20: WindSpeed | None = None  # wind at 20 ft that sets the turbulence, m/s; omitted: the mean wind's
     gust: GustConfig | None = None
@@ -99,7 +99,7 @@ class WorldConfig(Strict):
     name: Annotated[str, Field(min_length=1)] = "world"
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
     dt: Step | None = None  # physics step of all teams, s; omitted: each team's own
-    decision_interval: Annotated[float, Field(gt=0, le=5)] = 0.1  # actions are held this long, s
+    decision_interval: Annotated[float, Field(ge=5e-4, le=5)] = 0.1  # actions are held this long, s
     sea: SeaConfig = SeaConfig()
     air: AirConfig = AirConfig()
     vary: Ranges = {}  # key of `CONDITIONS` -> range; drawn for each realisation of the sea (vary.py, conditions.py)

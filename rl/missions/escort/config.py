@@ -27,7 +27,7 @@ class EscortConfig(Strict):
     boats: Annotated[str, Field(min_length=1)] = "usv"
     aircraft: Annotated[str, Field(min_length=1)] = "uav"
     worlds: Annotated[int, Field(ge=1, le=8192)] = 256  # different starts (and obstacle fields) in one run
-    start_distance: Span = (200.0, 500.0)  # of boats from the vessel, m
+    start_distance: Annotated[Span, Plausible(1.0, 5000.0, "m")] = (200.0, 500.0)  # of boats from the vessel
     near_fraction: Fraction = 0.0  # share of episodes that begin near the vessel: for training
     # standard deviation, each way, of the cue: the vessel's place given at the start
     cue_error: Annotated[NonNegative, Plausible(0.1, 5000.0, "m")] = 30.0
@@ -50,7 +50,7 @@ class EscortConfig(Strict):
 class VesselCourseConfig(Strict):
     """`[course]` of the vessel, which changes course and speed at random times."""
 
-    speed: Span = (0.8, 2.0)  # m/s
+    speed: Annotated[Span, Plausible(0.05, 30.0, "m/s")] = (0.8, 2.0)
     # s between two changes, on average (exponentially distributed); assumed
     every: Annotated[Positive, Plausible(1.0, 1e4, "s")] = 40.0
     turn_deg: Annotated[float, Field(ge=0, le=180)] = 120.0  # greatest change of course, either way; assumed
@@ -64,8 +64,8 @@ class ObstaclesConfig(Strict):
 
     count: Annotated[int, Field(ge=0, le=64)] = 10  # fixed ones
     moving: Annotated[int, Field(ge=0, le=16)] = 2  # moving ones, which cross the boats' way
-    radius: Span = (1.0, 5.0)  # m
-    speed: Span = (0.3, 1.0)  # of moving ones, m/s
+    radius: Annotated[Span, Plausible(0.05, 500.0, "m")] = (1.0, 5.0)
+    speed: Annotated[Span, Plausible(0.02, 50.0, "m/s")] = (0.3, 1.0)  # of moving ones
     # m to either side of the boats' way, and around the vessel's
     spread: Annotated[Positive, Plausible(1.0, 5000.0, "m")] = 60.0
     fixed: tuple[FixedObstacle, ...] = ()  # in every world, m from the vessel's start
@@ -102,7 +102,7 @@ class EscortTeam(TeamSection):
     """One team: its vehicle and size (TeamConfig), and the parameters of its part."""
 
     formation: EscortShape = "astern"  # of boats about the vessel (shapes.py)
-    spacing: Annotated[float, Field(gt=0, le=100)] = 10.0  # between neighbours, m
+    spacing: Annotated[float, Field(gt=0, le=100), Plausible(0.3, 100.0, "m")] = 10.0  # between neighbours
     sensors: SensorsConfig = SensorsConfig()
     lookout: LookoutConfig = LookoutConfig()  # of boats
     camera: CameraConfig = CameraConfig()  # of aircraft

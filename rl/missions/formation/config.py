@@ -15,7 +15,7 @@ from rl.scenario import Evaluation, Scenario, TeamSection
 from taichi_sim.config import Fraction, NonNegative, Ordered, Positive, Strict
 from taichi_sim.config.plausible import Plausible
 
-TargetSpeed = Annotated[float, Field(gt=0, le=100)]
+TargetSpeed = Annotated[float, Field(gt=0, le=100), Plausible(0.05, 100.0, "m/s")]
 SpeedOver = Literal["ground", "air"]
 
 
@@ -35,7 +35,8 @@ class TrackConfig(Strict):
     length: Annotated[float, Field(ge=400, le=50_000)] = 4000.0  # m
     checkpoints: Annotated[int, Field(ge=4, le=200)] = 22
     min_radius: Annotated[float, Field(ge=10, le=10_000)] = 100.0  # smallest radius of curvature, m
-    flight_height: Annotated[float, Field(gt=0, le=1000)] = 60.0  # of the UAV target above mean sea level, m
+    # of the UAV target above mean sea level
+    flight_height: Annotated[float, Field(gt=0, le=1000), Plausible(2.0, 1000.0, "m")] = 60.0
     target_speed: TargetSpeed = 12.0  # of targets along their tracks, m/s; a team may have its own
     speed_over: SpeedOver = "ground"  # target_speed is over ground, or through the air at flight height
 
@@ -45,7 +46,8 @@ class ObstacleConfig(Strict):
 
     count: Annotated[int, Field(ge=0, le=500)] = 24  # generated ones, per lap
     clearance_min: Annotated[float, Field(ge=-500, le=500)] = 6.0  # from the outermost lane, m; < 0: in the lanes
-    track_clearance: Annotated[float, Field(ge=0, le=500)] = 12.0  # from the track itself, m, whatever the lanes
+    # from the track itself, whatever the lanes
+    track_clearance: Annotated[float, Field(ge=0, le=500), Plausible(0.1, 500.0, "m")] = 12.0
     clearance_max: Annotated[float, Field(ge=-500, le=1000)] = 60.0  # m
     radius_min: Annotated[Positive, Plausible(0.05, 500.0, "m")] = 3.0
     radius_max: Annotated[Positive, Plausible(0.05, 500.0, "m")] = 10.0
@@ -71,7 +73,7 @@ class ObstacleConfig(Strict):
             )
 
 
-Spacing = Annotated[float, Field(gt=0, le=200)]
+Spacing = Annotated[float, Field(gt=0, le=200), Plausible(0.3, 200.0, "m")]
 SpacingRange = Annotated[tuple[Spacing, Spacing], Ordered]
 
 

@@ -21,8 +21,9 @@ class LandingConfig(Strict):
 
     boats: Annotated[str, Field(min_length=1)] = "usv"  # the team with decks
     aircraft: Annotated[str, Field(min_length=1)] = "uav"  # with legs; number i lands on boat i
-    distance: Span = (20.0, 60.0)  # of an aircraft from its deck as an episode begins, level, m
-    height: Span = (10.0, 20.0)  # above the mean level of the sea then, m
+    # of an aircraft from its deck as an episode begins, level
+    distance: Annotated[Span, Plausible(0.5, 5000.0, "m")] = (20.0, 60.0)
+    height: Annotated[Span, Plausible(0.5, 1000.0, "m")] = (10.0, 20.0)  # above the mean level of the sea then
     apart: Annotated[Positive, Plausible(2.0, 1e5, "m")] = 200.0  # m between boats, abreast of each other
     # s that all soles must be on the deck without a break
     stand: Annotated[Positive, Plausible(0.05, 600.0, "s")] = 5.0
@@ -41,7 +42,8 @@ class LandingConfig(Strict):
 class CourseConfig(Strict):
     """`[course]` of the boats."""
 
-    speed: Span = (0.0, 1.8)  # that is ordered, of each episode, m/s; 0: it stays, as far as its heading allows
+    # that is ordered, of each episode; 0: it stays, as far as its heading allows
+    speed: Annotated[Span, Plausible(0.02, 20.0, "m/s")] = (0.0, 1.8)
 
 
 class MarkerConfig(Strict):
