@@ -553,6 +553,6 @@ def planar_dynamics(p: Manoeuvring3dofParams) -> VesselDynamics:
     M = p.M
     return VesselDynamics(
         m11=float(M[0, 0]), m22=float(M[1, 1]), m33=float(M[2, 2]), surge=Resistance(-p.X_u, -p.X_uu, -p.X_uuu),
-        sway=Resistance(-p.Y_v, -p.Y_vv), yaw=Resistance(-p.N_r, -p.N_rr), thrust=p.surge_force_max,
-        moment=p.yaw_moment_max, sway_yaw=-p.Y_r,
+        sway=Resistance(-p.Y_v, -p.Y_vv), yaw=Resistance(-p.N_r, -p.N_rr, -p.N_rrr),
+        thrust=p.surge_force_max, moment=p.yaw_moment_max, sway_yaw=-p.Y_r,
     )  # fmt: skip

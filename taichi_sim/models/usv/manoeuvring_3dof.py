@@ -10,7 +10,7 @@ D are those of eqs (3)-(4), in the notation of Skjetne, Smogeli & Fossen (2004),
     c13 = -m22 v - (m23 + m32) r / 2,  c23 = m11 u,
     d11 = -(X_u + X_uu |u| + X_uuu u^2),
     d22 = -(Y_v + Y_vv |v| + Y_rv |r|),  d23 = -(Y_r + Y_vr |v| + Y_rr |r|),
-    d32 = -(N_v + N_vv |v| + N_rv |r|),  d33 = -(N_r + N_vr |v| + N_rr |r|).
+    d32 = -(N_v + N_vv |v| + N_rv |r|),  d33 = -(N_r + N_vr |v| + N_rr |r| + N_rrr r^2).
 
 Current: the water moves with V_c, constant in n. In b, nu_c = R^T V_c turns: nu_c_dot = -S(r) nu_c. Rigid-body terms
 act on nu, hydrodynamic ones on nu_r = nu - nu_c and its derivative. Because M_rb nu_c_dot + C_rb(nu) nu - C_rb(nu_r)
@@ -99,6 +99,7 @@ class Manoeuvring3dofParams(VehicleParams):
     N_r: Annotated[NonPositive, Plausible(-1.0, -5e-4, "N m s", of="mass g^0.5 length^1.5")] = 0.0
     N_vr: Annotated[Finite, Plausible(0.01, 10.0, "N s^2", of="N_rr length^-1", either=True)] = 0.0  # of |v| r
     N_rr: Annotated[Finite, Plausible(-3.0, -1e-3, "N m s^2", of="mass beam^-1 length^3")] = 0.0  # of |r| r
+    N_rrr: Annotated[Finite, Plausible(-5.0, -5e-3, "N m s^3", of="I_z g^-0.5 length^0.5")] = 0.0
     actions: Literal["acceleration_yaw", "surge_sway_yaw"] = "acceleration_yaw"
     surge_force_max: Annotated[Positive, Plausible(2e-4, 2.0, "N", of="mass g")]
     # for actions = "surge_sway_yaw"
@@ -109,10 +110,10 @@ class Manoeuvring3dofParams(VehicleParams):
 
     def _mistakes(self) -> Iterator[str]:
         for axis, force, damping in (
-            ("Y", max(self.sway_force_max, self.surge_force_max), (self.Y_v, self.Y_vv)),
-            ("N", self.yaw_moment_max, (self.N_r, self.N_rr)),
+            ("Y", max(self.sway_force_max, self.surge_force_max), (self.Y_v, self.Y_vv, 0.0)),
+            ("N", self.yaw_moment_max, (self.N_r, self.N_rr, self.N_rrr)),
         ):
-            grows = any(damping) and math.isinf(steady_speed(force, -damping[0], -damping[1]))
+            grows = any(damping) and math.isinf(steady_speed(force, *(-x for x in damping)))
             if grows:
                 names = "Y_v, Y_vv" if axis == "Y" else "N_r, N_rr"
                 yield f"{names} = {damping[0]}, {damping[1]} do not damp: damping is negative in these signs"
@@ -205,7 +206,7 @@ def acceleration(p: ti.template(), u, v, r, tau):
     d22 = -(p.Y_v + p.Y_vv * av + p.Y_rv * ar)
     d23 = -(p.Y_r + p.Y_vr * av + p.Y_rr * ar)
     d32 = -(p.N_v + p.N_vv * av + p.N_rv * ar)
-    d33 = -(p.N_r + p.N_vr * av + p.N_rr * ar)
+    d33 = -(p.N_r + p.N_vr * av + p.N_rr * ar + p.N_rrr * r * r)
     X = tau[0] - c13 * r - d11 * u
     Y = tau[1] - c23 * r - d22 * v - d23 * r
     N = tau[2] + c13 * u + c23 * v - d32 * v - d33 * r
