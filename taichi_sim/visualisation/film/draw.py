@@ -44,7 +44,8 @@ class Cast:
         for name, team in moment.teams.items():
             for vehicle in range(len(team.position_n)):
                 R_nb = numpy_rotation_matrix(team.quaternion_nb[vehicle])
-                body = moved(self.body(team, vehicle), team.position_n[vehicle], R_nb, scales.get(name, 1.0))
+                scale = scales.get(name, 1.0) * team.track.scale_of(vehicle)
+                body = moved(self.body(team, vehicle), team.position_n[vehicle], R_nb, scale)
                 pen.solids(body, "world")
 
 

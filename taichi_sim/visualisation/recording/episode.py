@@ -83,6 +83,7 @@ class TeamTrack:
     measured: Array | None = None  # [T, V, M] what the mission's judge shows over time
     measured_names: tuple[str, ...] = ()  # M labels with units
     ending: NDArray[np.object_] | None = None  # [T, V] name of what ends the vehicle's episode now, or None
+    scale: Array | None = None  # [V], length over `size_m`'s of vehicles that differ from it
     body: Body | None = None  # drawn surface; None: a boat or an aircraft of `size_m`
     airframe: Airframe | None = None  # for an aircraft; None: default proportions
     deck: Platform | None = None  # for a boat on which others land
@@ -110,6 +111,7 @@ class TeamTrack:
             "measured": (steps, vehicles, len(self.measured_names)),
             "ending": (steps, vehicles),
             "air_n": (steps, vehicles, 3),
+            "scale": (vehicles,),
         }.items():
             array = getattr(self, name)
             if array is not None:
@@ -139,6 +141,10 @@ class TeamTrack:
         if self.slot_n is not None:
             return f"{team} leader" if vehicle == 0 else f"{team} {vehicle}"
         return team if self.vehicles == 1 else f"{team} {vehicle}"
+
+    def scale_of(self, vehicle: int) -> float:
+        """Length of a vehicle over that of `size_m`."""
+        return 1.0 if self.scale is None else float(self.scale[vehicle])
 
     @property
     def places_n(self) -> Array:

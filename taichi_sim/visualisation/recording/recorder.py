@@ -121,7 +121,8 @@ class Recorder:
 
     def track(self, name: str, **mission: Any) -> TeamTrack:
         """TeamTrack of one team; `mission` gives its other fields: targets, slots, errors, rewards."""
-        model, rows = self.world.teams[name].model, self._rows[name]
+        fleet, rows = self.world.teams[name], self._rows[name]
+        model, lengths = fleet.model, fleet.vary.get("length") if fleet.varied else None
         keys = ("position_n", "quaternion_nb", "velocity_n", "angular_velocity_b", "wave_height")
         aux, freeboard = self.aux(name), np.stack([row["freeboard"] for row in rows])
         signals, surface = signals_of(model, aux), model.body()
@@ -132,6 +133,7 @@ class Recorder:
             name=name,
             medium=model.medium,
             size_m=model.size,
+            scale=None if lengths is None else _copy(lengths[self.env] / model.size[0]),
             body=None if surface is None else Body(*surface),
             airframe=None if model.airframe is None else Airframe(*model.airframe),
             deck=None if model.deck is None else Platform(model.deck.centre, model.deck.half),

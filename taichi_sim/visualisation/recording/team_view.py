@@ -184,8 +184,8 @@ def _send_bodies(stream: Stream, episode: Episode, team: TeamTrack) -> None:
         path = f"world/{team.name}/vehicle_{vehicle}"
         if not stream.has(path):
             body = body_mesh(team, episode.liveries[team.name].of(vehicle))
-            normals, colours = body.normals_b, body.colours
-            mesh = rr.Mesh3D(vertex_positions=body.vertices_b, vertex_normals=normals, vertex_colors=colours)
+            normals, colours, corners = body.normals_b, body.colours, team.scale_of(vehicle) * body.vertices_b
+            mesh = rr.Mesh3D(vertex_positions=corners, vertex_normals=normals, vertex_colors=colours)
             stream.static(path, mesh)
         row: dict[str, Any] = {name: values[:, vehicle] for name, values in numbers.items()}
         row |= {} if team.ending is None else {ENDING: pa.array([why or "" for why in team.ending[:, vehicle]])}
@@ -202,7 +202,8 @@ def send_ghost(stream: Stream, ghost: Episode) -> None:
             path = f"world/{team.name}/ghost_{vehicle}"
             body = body_mesh(team, ghost.liveries[team.name].of(vehicle))
             colours = (PALE * 255 + (1 - PALE) * body.colours).astype(np.uint8)
-            mesh = rr.Mesh3D(vertex_positions=body.vertices_b, vertex_normals=body.normals_b, vertex_colors=colours)
+            corners = team.scale_of(vehicle) * body.vertices_b
+            mesh = rr.Mesh3D(vertex_positions=corners, vertex_normals=body.normals_b, vertex_colors=colours)
             stream.static(path, mesh)
             pose = rr.Transform3D.columns(translation=position[:, vehicle], quaternion=turn[:, vehicle])
             stream.columns(path, pose, index)
