@@ -292,6 +292,11 @@ class Mission(Stateful, ABC, Generic[C, T]):
     def join(self, team: T, place: Tensor) -> None:
         """Let the course of `team` begin where it is nearest to `place` [2] (m), of a mission with an `origin`."""
 
+    def hear(self, team: T, vessels: Tensor) -> None:
+        """Take what a companion has heard of ships by AIS: places now and velocities (north, east, m, m/s), length and
+        beam (m), age of the report (s), `vessels` [n, 7], the nearest first. Default: nobody listens.
+        """
+
     def followed(self, team: T) -> Mapping[str, float]:
         """Other teams of which a companion of `team` must know each vehicle by telemetry, one for each of `team`; from
         how near it (m) a vehicle may begin. Default: none.

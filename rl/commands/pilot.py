@@ -54,6 +54,11 @@ def parser() -> argparse.ArgumentParser:
         help="the same of a vehicle that is not steered: of a landing, each copter's boat, in the order of the copters",
     )
     p.add_argument(
+        "--ais",
+        metavar="ADDRESS",
+        help="where AIS_VESSEL messages come from besides (default: from the autopilot's own receiver alone)",
+    )
+    p.add_argument(
         "--disarm",
         action="store_true",
         help="stop the motors of a copter once it rests on its deck (default: hold it down until somebody does)",
@@ -104,9 +109,11 @@ def policy_of(args: argparse.Namespace):
 
 def made(args: argparse.Namespace, addresses, wires, tell):
     """The companion that the arguments ask for, ready to act; addresses of vehicles that are followed come last."""
+    from rl.adapters.pilot.ais import Heard
     from rl.adapters.pilot.autopilot_link import Link
     from rl.adapters.pilot.companion import Companion
     from rl.adapters.pilot.set_points import orders_of
+    from rl.mission import Mission
     from rl.missions import find_mission
     from taichi_sim.config import ConfigError
     from taichi_sim.visualisation.recording.east_north_up import Origin
@@ -122,7 +129,7 @@ def made(args: argparse.Namespace, addresses, wires, tell):
          f"{team}.count={given}"),
     )  # fmt: skip
     mission = kind(sea, 1, seed=config.seed if args.seed is None else args.seed, teams=(team,), source=source)
-    orders = orders_of(mission.teams[team])
+    orders, listens = orders_of(mission.teams[team]), kind.hear is not Mission.hear
     others = mission.followed(mission.teams[team])
     laid = {"--origin": args.origin, "--heading": args.heading, "--seed": args.seed}
     useless = next((name for name, value in laid.items() if value is not None), "")
@@ -136,6 +143,7 @@ def made(args: argparse.Namespace, addresses, wires, tell):
         (useless and mission.course(mission.teams[team]) is None,
          f"{useless}: there is no course in {config.mission!r} that could begin somewhere"),
         (len(members) != len(addresses), f"{len(args.follow)} x --follow: this policy follows {wanted}"),
+        (args.ais and not listens, f"--ais: nobody listens in {config.mission!r}"),
         (args.disarm and config.mission != "landing", "--disarm: only landings have an end at which vehicles rest"),
         (abs(north) > 90 or abs(east) > 180,
          f"--origin {north:g} {east:g}: latitude is -90 to 90, longitude -180 to 180"),
@@ -150,6 +158,7 @@ def made(args: argparse.Namespace, addresses, wires, tell):
     return Companion(
         mission, team, policy, orders, links.pop(team), tell=tell, origin=origin, heading=heading, guided=args.guided,
         progress=not args.quiet, followed=links, disarm=args.disarm,
+        ais=Heard(sea.tracks.forget) if listens else None,  # pyright: ignore[reportOptionalMemberAccess]
     )  # fmt: skip
 
 
@@ -164,8 +173,9 @@ def main(argv: list[str] | None = None) -> None:
     dialect()
     args.threads = args.threads or 1  # a decision is too small for more
     addresses = [read_address(text) for text in (*args.connect, *args.follow)]
-    check_different(addresses)
-    for address in addresses:
+    beside = [read_address(args.ais)] if args.ais else []
+    check_different([*addresses, *beside])
+    for address in (*addresses, *beside):
         if not address.local:
             print(f"{address} reaches beyond this machine: whoever answers there is taken for the vehicle, and MAVLink "
                   "is neither signed nor encrypted here", file=sys.stderr)  # fmt: skip
@@ -175,7 +185,7 @@ def main(argv: list[str] | None = None) -> None:
         print(f"{time.monotonic() - began:7.1f} s  {text}", flush=True)
 
     with ExitStack() as open_things:
-        opened = {address[:3]: Wire(address) for address in addresses}
+        opened = {address[:3]: Wire(address) for address in (*addresses, *beside)}
         for wire in opened.values():
             open_things.callback(wire.close)
         wires = [opened[address[:3]] for address in addresses]
@@ -185,9 +195,9 @@ def main(argv: list[str] | None = None) -> None:
             wire.receive()  # old by now
         clock = Clock(time.monotonic())
         ends = math.inf if args.duration is None else clock(time.monotonic()) + args.duration
-        tell(f"listening: {', '.join(map(str, addresses))}")
+        tell(f"listening: {', '.join(map(str, (*addresses, *beside)))}")
         try:
-            fly(pilot, wires, clock, ends)
+            fly(pilot, wires, clock, ends, [opened[address[:3]] for address in beside])
         except BaseException:
             pilot.end("interrupted")
             raise
@@ -200,13 +210,13 @@ def main(argv: list[str] | None = None) -> None:
     tell(pilot.ended.why)
 
 
-def fly(pilot, wires, clock, ends: float) -> None:
-    """Hear and act until the companion has ended, or its `clock` shows `ends` (s)."""
+def fly(pilot, wires, clock, ends: float, beside=()) -> None:
+    """Hear and act until the companion has ended, or its `clock` shows `ends` (s). Ships are heard `beside`, too."""
     lead, told = pilot.links[0], False
     from rl.adapters.pilot.companion import SLOW
 
     with selectors.DefaultSelector() as ready:
-        for wire in set(wires):
+        for wire in {*wires, *beside}:
             links = [link for link, its in zip(pilot.heard, wires, strict=True) if its is wire]
             ready.register(wire.socket, selectors.EVENT_READ, (wire, links))
         wait = 0.0
@@ -214,6 +224,8 @@ def fly(pilot, wires, clock, ends: float) -> None:
             for key, _ in ready.select(timeout=wait):
                 wire, links = key.data
                 data = wire.receive()
+                if pilot.ais is not None:
+                    pilot.ais.receive(data, clock(time.monotonic()), wire)
                 for link in links if data else ():
                     before, real = link.clock, time.monotonic()
                     link.receive(data, clock(real))

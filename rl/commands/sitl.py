@@ -5,6 +5,7 @@
     taichi-sim sitl otter --autopilot usv.0=9002 usv.1=9012         # sim_vehicle -v Rover --model JSON -I 0; -I 1
     taichi-sim sitl landing --autopilot uav.0=9002 --on-deck        # a copter begins on the deck of a boat under way
     taichi-sim sitl otter --autopilot usv.0=9002 --controller RUN   # the others by the policies of a run
+    taichi-sim sitl encounter --autopilot usv.0=9002 --ais udp:127.0.0.1:14570    # among ships
 
 Vehicles without an autopilot are driven by their classical controller, a run's policy, or not at all. Ctrl-C ends it.
 A scenario needs --autopilot. Without it, the argument is a VEHICLE: taichi-sim sitl --help. All else: docs/sitl.md.
@@ -16,6 +17,7 @@ import time
 from contextlib import ExitStack, closing
 from pathlib import Path
 
+from taichi_sim.errors import refuse
 from taichi_sim.options import address, output, parser_of, port, positive_float, seed
 
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
@@ -24,6 +26,7 @@ if __package__ in (None, ""):  # run as a script: the packages are beside this f
 
 AUTOPILOT = "--autopilot"
 PRINT_EVERY = 5.0  # s between lines of progress
+HOME = -35.363262, 149.165237  # deg, of ArduPilot's SITL without another
 PART = 0.5  # s of motion that a live view shows at a time
 FIRST_PART = 3.0  # s of its first one, which sets its layout
 
@@ -44,6 +47,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--address", type=address, default="127.0.0.1", help="to listen on [127.0.0.1: this machine only]")
     p.add_argument("--timeout", type=positive_float, default=0.0, metavar="S",
                    help="end when an autopilot has been silent for so long [never: the world waits]")  # fmt: skip
+    p.add_argument("--ais", metavar="ADDRESS", help="tell ships of an encounter there, as AIS_VESSEL: udp:ADDRESS:PORT")
+    p.add_argument("--home", type=float, nargs=2, metavar=("LAT", "LON"), default=None,
+                   help="of the autopilots, for --ais [where ArduPilot's SITL begins]")  # fmt: skip
     p.add_argument("--seed", type=seed, help="of the held-out episode [the scenario's]")
     p.add_argument("--log", type=output, metavar="FILE.csv",
                    help="a CSV of all frames of each autopilot, with its vehicle in the name")  # fmt: skip
@@ -101,6 +107,7 @@ def serve(args: argparse.Namespace) -> None:
         mission.measure_anew()
         if mission.origin is not None:
             tell("the route is where its file says, for autopilots with home {:.7f},{:.7f}".format(*mission.origin))
+        teller = open_things.enter_context(closing(teller_of(args, mission))) if args.ais else None
         live = open_things.enter_context(Live("sitl", port=args.live_port)) if args.live else None
         if live is not None:
             tell(live.told)
@@ -122,6 +129,8 @@ def serve(args: argparse.Namespace) -> None:
                 while not args.duration or count * config.decision_interval < args.duration - 1e-9:
                     step = mission.step({name: policies[name] for name in mission.teams}, begin=False, observe=())
                     count += 1
+                    if teller is not None:
+                        teller()
                     touches = {(name, k): world.teams[name].touch for name, k in decks}
                     known -= {(*v, "landed") for v, of in touches.items() if of is not None and not of.on[0, v[1]]}
                     new = events_of(step, count * config.decision_interval, known, mission.Judge.goals, 0)
@@ -143,6 +152,24 @@ def serve(args: argparse.Namespace) -> None:
         finally:
             if written is not None and written.place is not None and len(reel):
                 tell(f"recording: {written.write(reel.episode(events=events), written.place)}")
+
+
+def teller_of(args: argparse.Namespace, mission):
+    """What tells the ships of the mission, an encounter, as --ais says."""
+    from rl.adapters.pilot.ais import Teller
+    from rl.adapters.pilot.connections import read_address
+    from rl.missions.encounter.mission import Encounter
+    from taichi_sim.config import ConfigError
+    from taichi_sim.visualisation.recording.east_north_up import Origin
+
+    to, config = read_address(args.ais), mission.config
+    refuse(
+        ConfigError,
+        (not isinstance(mission, Encounter), f"--ais: there are no ships in {config.mission!r}"),
+        (to.kind != "udp", f"--ais {to}: is told by UDP: udp:ADDRESS:PORT"),
+    )
+    home = Origin(*(args.home or mission.origin or HOME))
+    return Teller(mission.ships, config.ais, (to.host, to.port), home, config.decision_interval, mission.seed)
 
 
 def tell(text: str) -> None:

@@ -42,8 +42,8 @@ class PlanConfig(Strict):
 
     samples: Annotated[int, Field(ge=4, le=65536)] = 64  # futures tried in each round, of each environment
     rounds: Annotated[int, Field(ge=1, le=50)] = 3  # of samples for each plan
-    horizon: Annotated[Positive, Plausible(0.1, 600.0, "s")] = 6.0
-    every: Annotated[Positive, Plausible(0.02, 100.0, "s")] = 0.5  # s between plans
+    horizon: Annotated[Positive, Plausible(0.1, 3600.0, "s")] = 6.0
+    every: Annotated[Positive, Plausible(0.02, 600.0, "s")] = 0.5  # s between plans
     knots: Annotated[int, Field(ge=2, le=50)] = 5  # of a plan, evenly spaced over the horizon, linear in between
     # standard deviation of a knot in the first round: m/s, or share of an action's range
     spread: Annotated[Positive, Plausible(5e-3, 100.0)] = 3.0

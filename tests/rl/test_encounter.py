@@ -7,13 +7,15 @@ import pytest
 import taichi as ti
 import torch
 
+from rl.evaluation.episodes import judge_episodes
+from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario, make_mission
 from rl.missions.encounter.avoidance import CANDIDATES, Plans, SbmpcGains
 from rl.missions.encounter.bodies import Body, Track, rectangle_gap
-from rl.missions.encounter.config import EncounterConfig
-from rl.missions.encounter.judge import scores
+from rl.missions.encounter.config import CASES, EncounterConfig
+from rl.missions.encounter.judge import RULES, scores
 from rl.missions.encounter.pairs import Pair, Role
-from rl.missions.encounter.situations import IMAZU, IMAZU_DIGEST, IMAZU_NUMBERS
+from rl.missions.encounter.situations import IMAZU, IMAZU_DIGEST
 from rl.missions.encounter.traffic import Behaviour, Sailing
 from taichi_sim.bench import Bench
 from taichi_sim.errors import UserError
@@ -179,7 +181,7 @@ def test_errors_of_tracks_are_as_large_as_the_filter_says():
 
 
 def test_imazu_ships_meet_at_one_time():
-    assert len(IMAZU) == len(IMAZU_NUMBERS) == 19 == len(set(map(frozenset, IMAZU)))
+    assert len(IMAZU) == len(CASES["imazu"]) == 19 == len(set(map(frozenset, IMAZU)))
     assert IMAZU_DIGEST == "600f8aae74c1a70d"
     config = load_scenario("imazu", ("encounter.course_deg=0",))
     mission = make_mission(config, 19, seed=1)
@@ -222,6 +224,41 @@ def test_an_encounter_goes_on_as_it_was_saved():
             step = mission.step(act)
         ends.append((step.observations["usv"], mission.pairs.table.clone(), mission.bodies.clone()))
     assert all(torch.equal(a, b) for a, b in zip(*ends, strict=True))
+
+
+def test_a_planner_believes_the_tracks_and_its_ships_keep_on():
+    config = load_scenario("encounter", ("usv.count=2", "ais.carried=0.5", "radar.range=300"))
+    mission = make_mission(config, 16, seed=7)
+    team, act = mission.teams["usv"], {"usv": lambda team: team.classical(team.controller)}
+    for _ in range(40):
+        mission.step(act, begin=False)
+    model = mission.imagined(team)
+    model.believe(team)
+    assert torch.equal(model.teams["usv"].fleet.state, team.fleet.state)
+    assert torch.equal(model.pairs.table, mission.pairs.table)
+    tracks = team.tracks[:, :, 2:]
+    age = torch.where(tracks[..., Track.AGE] < 0, torch.inf, tracks[..., Track.AGE])
+    track = tracks.gather(1, age.argmin(1)[:, None, :, None].expand(-1, 1, -1, tracks.shape[-1]))[:, 0]
+    known = age.amin(1).isfinite()
+    assert known.any() and not known.all()
+    for _ in range(11):
+        ships = model.bodies[:, 2:]
+        assert torch.allclose(ships[..., Body.LENGTH][known], track[..., Track.LENGTH][known])
+        off = (ships[..., : Body.V_NORTH] - track[..., : Track.V_NORTH]).norm(dim=-1)
+        assert off[known].max() < 0.2 and off[~known].min() > 1e4
+        model.step(act, begin=False)
+        track[..., :2] += track[..., 2:4]
+    assert (model.teams["usv"].tracks[:, 0, 2:, : Track.V_NORTH] - model.bodies[:, 2:, :2])[known].abs().max() < 0.1
+
+
+def test_encounters_that_an_episode_ends_before_have_no_score():
+    """But for those that an early turn has ended."""
+    number = []
+    for duration in (40, 330):
+        config = load_scenario("encounter", (f"episode_duration={duration}", "encounter.tcpa=[100, 200]"))
+        found = judge_episodes(config, {"usv": ClassicalPolicy()}, episodes=32, seed=3, show_progress=False)
+        number.append(sum(found.episodes["usv"][f"{rule}_n"].sum() for rule in RULES))
+    assert number[0] <= 0.1 * number[1] and number[1] > 30
 
 
 def test_candidates_of_nobody_cost_only_their_effort(calm):
@@ -271,6 +308,7 @@ REFUSED = {
     "traffic.correction={}": "traffic.correction",
     "encounter.own=nobody": "encounter.own",
     "ais.transponder=C": "ais.transponder",
+    "encounter.cases=[3]": "encounter",  # of `drawn`
     "encounter.behaviours={keeps=0,obeys=0,late=0,port=0,stops=0}": "encounter.behaviours",
     "traffic.vehicle=otter": "traffic",
     "usv.vehicle=merchant_ship": "usv.vehicle",

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 
 import numpy as np
@@ -20,16 +20,19 @@ from pilot_peer import FRAME, GUIDED, HOLD, MANUAL, NO_AXIS, PARAMETERS, Copter,
 from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 
+from rl.adapters.pilot.ais import Heard, Teller
 from rl.adapters.pilot.autopilot_link import Attitude, Fix, Link
 from rl.adapters.pilot.clock import Clock
 from rl.adapters.pilot.companion import LOST, STALE, Companion
-from rl.adapters.pilot.connections import Wire, check_different, read_address
+from rl.adapters.pilot.connections import Address, Wire, check_different, read_address
 from rl.adapters.pilot.laid_course import LaidCourse, quaternion
 from rl.adapters.pilot.set_points import Sticks, orders_of
 from rl.learn.policy import OBS_GROUPS, ClassicalPolicy, actor_config, write_checkpoint
 from rl.missions import load_scenario
+from rl.missions.encounter.mission import Encounter
 from rl.missions.formation.mission import Formation
 from rl.runs import folder
+from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig, ConfigError, SeaConfig
 from taichi_sim.config.io import find_config
 from taichi_sim.kernels.rotation import numpy_rotation_matrix
@@ -182,6 +185,31 @@ def test_a_boat_follows_a_route_where_its_file_says(tmp_path):
     assert fleet.pilot.ended is None and any("along the route about 63.48" in line for line in fleet.news)
     north, east = fleet.boats.motion()[0][0][:2]
     assert abs(east + 30.0) < 1.0 and 80.0 + 30 * 1.5 < north < 80.0 + 41 * 1.5
+
+
+def test_a_boat_gives_way_to_a_ship_that_it_hears_by_ais():
+    """Head-on: SB-MPC orders a course to starboard, and leads back to the route when the ship has passed."""
+    sea = load_scenario("encounter", ("usv.vehicle=otter", "encounter.speed=1.5"))
+    mission = Encounter(Encounter.piloted(sea, "usv"), 1, seed=1, teams=("usv",))
+    fleet = Fleet(mission, Flotilla(1), ClassicalPolicy()).begin(GUIDED, starts=[(0.0, 0.0, 0.0)])
+    ship, heard = Bench("merchant_ship", dt=0.1, envs=1), Heard(60.0)
+    wire = Wire(Address("udp", "127.0.0.1", _free_port()))
+    ship.put((220.0, 3.0, 0.0), (0.0, 0.0, math.pi), (2.0, 0.0, 0.0))
+    tells = Teller(ship.fleet, sea.ais.model_copy(update={"carried": 1.0}), wire.address[1:3], FJORD, 1.0, seed=1)
+    fleet.pilot.ais, gaps, aside = heard, [], []
+    with closing(wire), closing(tells):
+        for second in range(100):
+            ship.step((1.0, 2 * 2.0 / ship.model.limits.speeds[2] - 1.0), times=10)
+            tells()
+            while fleet.boats.clock.now < second:
+                fleet.boats.step()
+                fleet.pilot.tick(fleet.boats.clock.now)
+            heard.receive(wire.receive(), fleet.boats.clock.now)
+            gaps.append(np.linalg.norm(fleet.boats.motion()[0][0][:2] - ship.fleet.position_n[0, 0, :2].numpy()))
+            aside.append(fleet.boats.motion()[0][0][1])
+    assert fleet.pilot.ended is None and len(heard.reports) == 1
+    assert min(gaps) > 30.0 and max(aside) > 20.0 and min(aside) > -3.0
+    assert aside[-1] < 0.7 * max(aside)
 
 
 def test_three_boats_hold_their_formation_in_manual(sticks):

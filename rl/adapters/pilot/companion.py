@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
+from rl.adapters.pilot.ais import Heard
 from rl.adapters.pilot.autopilot_link import ARM, SET_MODE, Link
 from rl.adapters.pilot.laid_course import LaidCourse
 from rl.adapters.pilot.set_points import BOAT, Orders
@@ -98,16 +99,17 @@ class Companion:
         self, mission: Mission, name: str, policy: Policy, orders: Orders, links: Sequence[Link], *,
         tell: Callable[[str], None], origin: Origin | None = None, heading: float | None = None, guided: bool = False,
         progress: bool = True, followed: Mapping[str, Sequence[Link]] = MappingProxyType({}), disarm: bool = False,
+        ais: Heard | None = None,
     ):  # fmt: skip
         """Act for team `name` of a `mission` with one environment, whose vehicle k is behind `links[k]`.
 
         The course begins at `origin`, along `heading` (rad); default: at the first vehicle, along its heading. With
         `guided`, vehicles are asked for the mode that obeys. `tell` takes a line of news, and of `progress`.
         `followed`: links of the vehicles of the other teams that the mission follows. With `disarm`, the motors of
-        a vehicle are stopped once it rests where it was to go.
+        a vehicle are stopped once it rests where it was to go. `ais`: ships that are heard.
         """
         self.mission, self.team, self.policy = mission, mission.teams[name], policy
-        self.orders, self.links, self.followed, self.disarm = orders, links, followed, disarm
+        self.orders, self.links, self.followed, self.disarm, self.ais = orders, links, followed, disarm, ais
         self.tell, self.origin, self.heading, self.guided, self.progress = tell, origin, heading, guided, progress
         self.interval = mission.config.decision_interval
         self.phase, self.ended = "waiting", None
@@ -370,6 +372,8 @@ class Companion:
         }
         self._blow(self._laid, states[name])
         self.mission.follow(states, None if self._taken is None else {name: self._taken})
+        if self.ais is not None:
+            self.mission.hear(self.team, self.ais.tracks(self._laid, now, states[name][0, 0, :2]))
         for ending, flags in self.team.gives_up().items():
             given = flags[0].cpu().numpy() & ~self._arrived
             if given.any():

@@ -2,7 +2,8 @@
 
 | a policy whose actions are | order | the autopilot's mode |
 |---|---|---|
-| corrections of a velocity command, of vessels (../guidance/residual.py) | SET_POSITION_TARGET_LOCAL_NED | GUIDED |
+| corrections of a velocity command, of vessels (../guidance/residual.py); or of course and speed, of an encounter |
+  SET_POSITION_TARGET_LOCAL_NED | GUIDED |
 | velocity and yaw rate, of a multirotor | SET_POSITION_TARGET_LOCAL_NED | GUIDED |
 | thrust and yaw, or both shafts, of a hull with two propellers | MANUAL_CONTROL, throttle and steering | MANUAL |
 
@@ -194,7 +195,7 @@ class Sticks:
 def orders_of(team: Team) -> Orders:
     """The orders for a team's actions."""
     model, names = team.fleet.model, team.action_names
-    if model.medium == "water" and names == CORRECTIONS:
+    if model.medium == "water" and (names == CORRECTIONS or team.ordered is not None):
         return Velocity()
     if isinstance(model, Hull6Dof) and model.params.thrusters and model.params.actions in ("surge_yaw", "left_right"):
         return Sticks(model)
@@ -202,6 +203,6 @@ def orders_of(team: Team) -> Orders:
         return HeadingVelocity(model.params.control)
     raise ConfigError(
         f"{team.name}: a companion has no set points for the actions {', '.join(names)} of a {type(model).__name__}: "
-        "it sends corrected velocities of vessels, thrust and yaw of a hull with two propellers, and velocities of "
+        "it sends velocities of vessels, thrust and yaw of a hull with two propellers, and velocities of "
         "multirotors (docs/pilot.md)"
     )

@@ -10,6 +10,32 @@ from rl.scenario import Evaluation, Scenario, TeamSection
 from taichi_sim.config import Fraction, NonNegative, Ordered, Positive, Span, Strict
 from taichi_sim.config.plausible import Plausible
 
+CASES: dict[str, tuple[int, ...]] = {
+    "drawn": (),
+    "imazu": (
+        1,
+        2,
+        3,
+        4,
+        5,
+        6,
+        7,
+        9,
+        10,
+        11,
+        13,
+        14,
+        15,
+        16,
+        17,
+        18,
+        19,
+        20,
+        21,
+    ),  # as printed; 8 is 5, 12 is 6, 22 is 15
+    "clock": tuple(range(24)),
+}
+"""Set -> numbers of its situations."""
 MOST_BODIES = 15  # own ships and ships, among the random numbers (kernels/random.py: TRAFFIC)
 
 
@@ -59,6 +85,7 @@ class EncounterConfig(Strict):
     traffic: Annotated[str, Field(min_length=1)] = "traffic"  # the scripted team of ships
     # drawn: meeting times, courses and speeds are drawn; imazu, clock: tables (situations.py)
     set: Literal["drawn", "imazu", "clock"] = "drawn"
+    cases: tuple[int, ...] = ()  # numbers of the situations of a table; none given: all
     # ships that are met in an episode, of those there are; of `drawn`
     ships: Annotated[tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]], Ordered] = (1, 3)
     speed: Annotated[Positive, Plausible(0.2, 30.0, "m/s")] = 2.0  # of the own ship along its route
@@ -76,6 +103,9 @@ class EncounterConfig(Strict):
     def _mistakes(self) -> Iterator[str]:
         if self.own == self.traffic:
             yield f"own = traffic = {self.own!r}: must be two teams"
+        if wrong := [k for k in self.cases if k not in CASES[self.set]]:
+            there = ", ".join(map(str, CASES[self.set])) or "none"
+            yield f"cases: {wrong[0]} is none of set = {self.set!r}, which has {there}"
         if self.near >= self.clear:
             yield f"near = {self.near}: must be below clear = {self.clear}"
         if self.tcpa[0] <= 0:

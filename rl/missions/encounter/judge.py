@@ -1,6 +1,7 @@
 """Measurements of encounters: collisions, gaps, scores after Woerner, delay, wrong sides.
 
-A score judges one encounter, from the latch of its role to the nearest approach (pairs.py); after K. Woerner (2016),
+A score judges one encounter, from the latch of its role to the nearest approach (pairs.py), which must have passed; an
+episode that ends before it has no score. It is after K. Woerner (2016),
 Multi-contact protocol-constrained collision avoidance for autonomous marine vehicles (thesis, MIT), and K. Woerner,
 M. Benjamin, M. Novitzky & J. Leonard (2019), Quantifying protocol evaluation for autonomous collision avoidance,
 Autonomous Robots 43, 967-991. Ours differ: gaps are between hulls, and angles have the signs below. With r the least
@@ -49,7 +50,8 @@ class EncounterJudge(Judge[Judged, EncounterScenario]):
         **COMMON,
         "near_misses": "fraction of episodes in which a gap was below encounter.near",
         "least_gap_m": "least gap to any hull in an episode, 5th percentile of episodes",
-        "score": "mean score after Woerner of all encounters",
+        "fault": "1 - score + delay, the figure of the benchmark's tasks",
+        "score": "mean score after Woerner of all encounters whose nearest approach has passed",
         **{f"{rule}_score": f"the same of {rule.replace('_', ' ')}" for rule in RULES},
         "delay": "share of the planned way along the route that was not made good, mean",
         "wrong_side": "share of head-on and give-way encounters in which the first manoeuvre is a turn to port of 10 "
@@ -97,7 +99,8 @@ class EncounterJudge(Judge[Judged, EncounterScenario]):
         pairs, made, off = (np.concatenate([getattr(j, key) for j in seen]) for key in ("pairs", "made", "off"))
         found, near = super().episodes(seen, config), config.encounter.near
         least = pairs[..., Pair.LEAST].min(axis=(1, 2)).astype(np.float64)
-        kind, score = pairs[..., Pair.KIND], scores(pairs.astype(np.float64), config.encounter)
+        passed = (pairs[..., Pair.GAP] > pairs[..., Pair.NEAR]) | (pairs[..., Pair.NEAR] <= 0)
+        kind, score = pairs[..., Pair.KIND] * passed, scores(pairs.astype(np.float64), config.encounter)
         count = {rule: np.isin(kind, roles) for rule, roles in RULES.items()}
         gives = np.isin(kind, GIVES)
         sided = np.isin(kind, (Role.HEAD_ON, Role.GIVE_WAY))
@@ -128,13 +131,14 @@ class EncounterJudge(Judge[Judged, EncounterScenario]):
 
         number = sum(episodes[f"{rule}_n"].sum(-1) for rule in RULES)
         total = sum(episodes[f"{rule}_sum"].sum(-1) for rule in RULES)
+        score, delay = np.where(number > 0, total / np.maximum(number, 1), np.nan), episodes["delay"].mean(-1)
         figures = super().pooled(episodes) | {
             "near_misses": episodes["near_miss"].mean(-1),
             "least_gap_m": np.quantile(episodes["least_gap_m"], 0.05, axis=-1),
-            "score": np.where(number > 0, total / np.maximum(number, 1), np.nan),
+            "fault": 1 - score + delay, "score": score,
             **{f"{rule}_score": share(f"{rule}_sum", f"{rule}_n") for rule in RULES},
-            "delay": episodes["delay"].mean(-1),
-            "wrong_side": share("wrong", "sided"), "early": share("hasty", "stood"), "unseen": share("silent", "gave"),
+            "delay": delay, "wrong_side": share("wrong", "sided"),
+            "early": share("hasty", "stood"), "unseen": share("silent", "gave"),
             "across_rms_m": np.sqrt(episodes["off"].sum(-1) / np.maximum(episodes["decisions"].sum(-1), 1)),
         }  # fmt: skip
         return {key: figures[key] for key in cls.definitions}

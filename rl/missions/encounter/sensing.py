@@ -66,18 +66,22 @@ def numbers_of(config: EncounterScenario) -> SensingNumbers:
     )  # fmt: skip
 
 
-@ti.func
-def cadence(length, speed, turn, g: ti.template()):
-    """Time (s) between two reports."""
+def cadence_of(length, speed, turns, class_a_length):
+    """Time (s) between two reports of a ship, by its length (m), its speed (m/s) and whether it turns; class A is from
+    a length (m) on. For kernels, too.
+    """
     every, knots = 180.0, speed / KNOT
-    if length >= g.class_a_length:
+    if length >= class_a_length:
         if knots > 0.2:
-            every = ti.select(knots < 14.0, 10.0, ti.select(knots < 23.0, 6.0, 2.0))
-            if turn > TURNS_FAST and knots < 23.0:
+            every = 10.0 if knots < 14.0 else (6.0 if knots < 23.0 else 2.0)
+            if turns and knots < 23.0:
                 every /= 3.0
     elif knots >= 2.0:
-        every = ti.select(knots < 14.0, 30.0, ti.select(knots < 23.0, 15.0, 5.0))
+        every = 30.0 if knots < 14.0 else (15.0 if knots < 23.0 else 5.0)
     return every
+
+
+cadence = ti.func(cadence_of)
 
 
 @ti.func
@@ -172,7 +176,7 @@ def _sense(
                         now = ti.Vector([bodies[e, j, Body.COS], bodies[e, j, Body.SIN]])
                         then = ti.Vector([before[e, j, Body.COS], before[e, j, Body.SIN]])
                         turn = ti.abs(then[0] * now[1] - then[1] * now[0]) / g.interval
-                        track[Track.NEXT] += cadence(length, v.norm(), turn, g)
+                        track[Track.NEXT] += cadence(length, v.norm(), turn > TURNS_FAST, g.class_a_length)
                         if far < g.ais_range and u[3] >= g.loss:
                             at = ti.Vector([before[e, j, Body.NORTH], before[e, j, Body.EAST]]) + g.interval * v
                             at += g.place_noise * ti.Vector([z[2], z[3]])

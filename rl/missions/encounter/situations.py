@@ -17,7 +17,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from rl.missions.encounter.config import EncounterScenario
+from rl.missions.encounter.config import CASES, EncounterScenario
 from taichi_sim.config import ConfigError
 from taichi_sim.errors import refuse
 
@@ -35,8 +35,6 @@ IMAZU: tuple[tuple[tuple[float, float], ...], ...] = tuple(
     )
 )  # fmt: skip
 """Course (deg) and share of the own ship's speed of each ship of the distinct situations."""
-IMAZU_NUMBERS = (1, 2, 3, 4, 5, 6, 7, 9, 10, 11, 13, 14, 15, 16, 17, 18, 19, 20, 21)
-"""Their numbers as printed; 8 is 5, 12 is 6, and 22 is 15."""
 IMAZU_DIGEST = hashlib.sha256(repr(IMAZU).encode()).hexdigest()[:16]
 CLOCK = tuple(((15.0 * k, 1.0 if k else SLOW),) for k in range(24))
 
@@ -56,8 +54,10 @@ class Situation(NamedTuple):
 
 
 def cases_of(config: EncounterScenario) -> tuple[tuple[tuple[float, float], ...], ...]:
-    """The situations of a table; none for `drawn`."""
-    return {"imazu": IMAZU, "clock": CLOCK, "drawn": ()}[config.encounter.set]
+    """The situations of a table that take part; none for `drawn`."""
+    part = config.encounter
+    table = dict(zip(CASES[part.set], {"imazu": IMAZU, "clock": CLOCK, "drawn": ()}[part.set], strict=True))
+    return tuple(table[k] for k in part.cases or table)
 
 
 def direction(course: Tensor) -> Tensor:

@@ -60,6 +60,7 @@ class OwnShips(Team[Sea, EncounterTeam]):
     Attributes:
         part: `[encounter]`. pairs: the truth (pairs.py). tracking: what they know of others (sensing.py).
         offsets, before: offset of course (rad) and factor of speed in force, and a decision ago. crab: rad.
+        ordered: the nose's course and the speed, as a velocity (NED, m/s).
     """
 
     terms = TERMS
@@ -84,6 +85,7 @@ class OwnShips(Team[Sea, EncounterTeam]):
         self.offsets = self.remember(state.new_tensor([0.0, 1.0]).expand(*state.shape[:2], 2).clone())
         self.before = self.remember(self.offsets.clone())
         self.crab = self.remember(state.new_zeros(state.shape[:2]))
+        self.ordered = self.remember(state.new_zeros((*state.shape[:2], 2)))
         self._weighed: tuple[Tensor, Tensor] | None = self.scratch(None)
         self.plans = Plans(validate(SbmpcGains, {**self.section.control}, f"{name}.control"))
 
@@ -133,8 +135,9 @@ class OwnShips(Team[Sea, EncounterTeam]):
         self.before, self.offsets = self.offsets, offsets
         route, back = self.courses.unbind(-1)
         share = (1.0 - offsets[..., 0].abs() / TURN).clamp(min=0.0)
-        course = route + offsets[..., 0] + share * (back - route) - self.crab
-        return self.helm(wrap(course), self.part.speed * offsets[..., 1])
+        course, speed = route + offsets[..., 0] + share * (back - route) - self.crab, self.part.speed * offsets[..., 1]
+        self.ordered = speed.unsqueeze(-1) * torch.stack((course.cos(), course.sin()), dim=-1)
+        return self.helm(wrap(course), speed)
 
     # -- phases ----------------------------------------------------------------------------------------------------
 
@@ -179,6 +182,11 @@ class OwnShips(Team[Sea, EncounterTeam]):
 
     def restored(self) -> None:
         """Likewise, after a snapshot was restored."""
+        self._weighed = None
+
+    def go_on_from(self, team: "OwnShips") -> None:
+        """Go on as the own ships of another mission, of which all else has been taken over."""
+        self.offsets, self.before, self.crab = team.offsets.clone(), team.before.clone(), team.crab.clone()
         self._weighed = None
 
     def truth(self, due: Due) -> None:
