@@ -198,7 +198,7 @@ def test_a_boat_gives_way_to_a_ship_that_it_hears_by_ais():
     tells = Teller(ship.fleet, sea.ais.model_copy(update={"carried": 1.0}), wire.address[1:3], FJORD, 1.0, seed=1)
     fleet.pilot.ais, gaps, aside = heard, [], []
     with closing(wire), closing(tells):
-        for second in range(100):
+        for second in range(140):
             ship.step((1.0, 2 * 2.0 / ship.model.limits.speeds[2] - 1.0), times=10)
             tells()
             while fleet.boats.clock.now < second:

@@ -31,6 +31,7 @@ OTHER = "other"  # time of a step that no part has taken
 SCENARIOS = {
     "paper": ("track.worlds=4", "sea.realisations=4"),
     "otter": ("sea.realisations=4",),
+    "encounter": ("sea.realisations=4",),
     "escort": ("escort.worlds=4", "sea.realisations=4"),
 }
 

@@ -119,6 +119,7 @@ class AisConfig(Strict):
     transponder: Literal["A", "B", "auto"] = "auto"  # class of all; auto: A from `class_a_length` on
     class_a_length: Annotated[Positive, Plausible(5.0, 300.0, "m")] = 45.0  # of about 300 GT, SOLAS V/19; assumed
     range: Annotated[Positive, Plausible(50.0, 1e5, "m")] = 8000.0
+    silent: Annotated[NonNegative, Plausible(1.0, 1e5, "m")] = 0.0  # nearer ships are not heard
     loss: Fraction = 0.1  # of reports; assumed
     place_noise: Annotated[NonNegative, Plausible(0.05, 200.0, "m")] = 5.0  # standard deviation, each way; assumed
     speed_noise: Annotated[NonNegative, Plausible(5e-3, 5.0, "m/s")] = 0.1

@@ -41,6 +41,7 @@ class SensingNumbers(NamedTuple):
     carried: float
     class_a_length: float
     ais_range: float
+    silent: float
     loss: float
     place_noise: float
     speed_noise: float
@@ -60,9 +61,9 @@ def numbers_of(config: EncounterScenario) -> SensingNumbers:
     ais, radar, tracks = config.ais, config.radar, config.tracks
     length = {"A": 0.0, "B": 1e9, "auto": ais.class_a_length}[ais.transponder]
     return SensingNumbers(
-        config.decision_interval, ais.carried, length, ais.range, ais.loss, ais.place_noise, ais.speed_noise,
-        radar.range, radar.period, radar.range_noise, radar.range_share, math.radians(radar.bearing_noise_deg),
-        radar.misses, tracks.acceleration, tracks.speed, tracks.forget,
+        config.decision_interval, ais.carried, length, ais.range, ais.silent, ais.loss, ais.place_noise,
+        ais.speed_noise, radar.range, radar.period, radar.range_noise, radar.range_share,
+        math.radians(radar.bearing_noise_deg), radar.misses, tracks.acceleration, tracks.speed, tracks.forget,
     )  # fmt: skip
 
 
@@ -177,7 +178,7 @@ def _sense(
                         then = ti.Vector([before[e, j, Body.COS], before[e, j, Body.SIN]])
                         turn = ti.abs(then[0] * now[1] - then[1] * now[0]) / g.interval
                         track[Track.NEXT] += cadence(length, v.norm(), turn > TURNS_FAST, g.class_a_length)
-                        if far < g.ais_range and u[3] >= g.loss:
+                        if far < g.ais_range and far >= g.silent and u[3] >= g.loss:
                             at = ti.Vector([before[e, j, Body.NORTH], before[e, j, Body.EAST]]) + g.interval * v
                             at += g.place_noise * ti.Vector([z[2], z[3]])
                             v += g.speed_noise * ti.Vector([z[4], z[5]])
