@@ -212,6 +212,17 @@ def test_a_boat_gives_way_to_a_ship_that_it_hears_by_ais():
     assert aside[-1] < 0.7 * max(aside)
 
 
+def test_a_boat_far_from_its_route_waits(tmp_path):
+    """Latitude and longitude are exchanged, in a place where that is one, too."""
+    (file := tmp_path / "route.csv").write_text("latitude,longitude\n10.4,63.48\n10.4,63.483\n10.403,63.483\n")
+    mission = piloted("otter", "usv.count=1", f"track.file={file}", "track.min_radius=15")
+    fleet = Fleet(mission, Flotilla(1), lambda team: torch.zeros(1, 1, 2))
+    fleet.begin(GUIDED, starts=[(0.0, 0.0, 0.0)]).run(1.0)
+    assert fleet.pilot.phase == "waiting" and re.search(
+        r"near the route about 10.4\d* 63.4\d* \(it is [67]\d\d\d km away: .* exchanged", "".join(fleet.news)
+    )
+
+
 def test_three_boats_hold_their_formation_in_manual(sticks):
     sticks.begin(MANUAL).run(16.0)
     assert sticks.pilot.ended is None and sticks.pilot.decisions >= 75

@@ -30,6 +30,7 @@ from rl.adapters.pilot.ais import Heard
 from rl.adapters.pilot.autopilot_link import ARM, SET_MODE, Link
 from rl.adapters.pilot.laid_course import LaidCourse
 from rl.adapters.pilot.set_points import BOAT, Orders
+from rl.guidance.course.route import FARTHEST
 from rl.mission import Mission, Policy
 from taichi_sim.config.arguments import ActionError
 from taichi_sim.errors import UserError
@@ -272,15 +273,18 @@ class Companion:
         return not missing
 
     def _far(self) -> list[str]:
-        """Vehicles that are not near enough, or not high enough, over those that they follow."""
-        missing = []
+        """Vehicles that are not near enough, or not high enough, over those that they follow; or far from a route."""
+        missing, route = [], self.mission.origin if self.origin is None and self.heading is None else None
+        for link in self.links:
+            if route is not None and (away := _apart(link, route)) > FARTHEST:
+                where = f"{route.latitude:.4f} {route.longitude:.4f}"
+                missing.append(f"{link.name} near the route about {where} (it is {away / 1e3:.0f} km away: a route of "
+                               "another place, or latitude and longitude are exchanged)")  # fmt: skip
         for name, most in self.mission.followed(self.team).items():
             for link, other in zip(self.links, self.followed[name], strict=True):
                 (here, _), (there, _) = link.last, other.last
-                east, north, _ = from_geodetic(
-                    np.array((here.latitude, here.longitude, 0.0)), Origin(there.latitude, there.longitude)
-                )
-                away, up = math.hypot(north, east), here.altitude - there.altitude
+                away = _apart(link, Origin(there.latitude, there.longitude))
+                up = here.altitude - there.altitude
                 if away > most or up < ABOVE:
                     where = f"it is {away:.0f} m away, {up:.1f} m above"
                     missing.append(f"{link.name} within {most:g} m of {other.name}, {ABOVE:g} m above it ({where})")
@@ -447,3 +451,9 @@ class Companion:
             f"age of the telemetry then: {Figures.of(self.ages)}",
             *(f"{key}, rms: {' '.join(f'{x:.2f}' for x in value)}" for key, value in rms.items()),
         ))  # fmt: skip
+
+
+def _apart(link: Link, place: Origin) -> float:
+    """Distance of a vehicle from `place`, by its telemetry, m."""
+    here = link.last[0]
+    return float(np.linalg.norm(from_geodetic(np.array((here.latitude, here.longitude, 0.0)), place)))
