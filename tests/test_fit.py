@@ -7,6 +7,7 @@ import shlex
 import shutil
 import struct
 import sys
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -26,8 +27,8 @@ from taichi_sim.applications.fit.log_table import LogError, Source, drawn_means,
 from taichi_sim.applications.fit.residual_correlation import spreads
 from taichi_sim.applications.fit.sample_selection import inspected
 from taichi_sim.applications.fit.synthetic_logs import write_logs
-from taichi_sim.applications.fit.windows import windows_of
-from taichi_sim.config import TeamConfig
+from taichi_sim.applications.fit.windows import WindowSimulator, members, windows_of
+from taichi_sim.config import ConfigError, TeamConfig
 from taichi_sim.config.io import vehicle_file
 from taichi_sim.models.catalogue import load_vehicle
 from taichi_sim.visualisation.recording.ros import write_mcap
@@ -705,6 +706,27 @@ def _unfitted(vehicle, logs, priors, changes=None, tests=(), **_):
         [Start(0 * ones, 0.0)], 1, 0.0,
         [estimate.Tested(log, np.zeros(2), np.ones(4), np.ones(4), []) for log in tests],
     )  # fmt: skip
+
+
+def test_numbers_of_a_section_share_a_factor():
+    model, file = load_vehicle("otter"), vehicle_file(TeamConfig(vehicle="otter"))
+    values = command.values_of(model, ("hydrodynamics.linear", "rigid_body.mass"), [0.5, 82.0], ["", ""])
+    found = tomllib.loads(command.written(file, values))
+    before = tomllib.loads(file.read_text())["hydrodynamics"]["linear"]
+    assert found["hydrodynamics"]["linear"] == pytest.approx([0.5 * x for x in before])
+    assert found["rigid_body"]["mass"] == 82.0
+    one, each = (WindowSimulator("otter", keys, 0.1) for keys in (
+        ("hydrodynamics.linear",), tuple(members(model, "hydrodynamics.linear"))
+    ))  # fmt: skip
+    windows = [SimpleNamespace(actions=np.full((13, 2), 0.5), wind=None)] * 2
+    phi, state = np.array([[0.0], [0.5]]), np.tile([0.0, 0.0, 0.0, 1.0, 0.2, 0.1], (2, 1))
+    moved = one.run(windows, phi, np.zeros((2, 2)), state)
+    assert np.abs(moved[:, 0] - moved[:, 1]).max() > 0.01
+    assert np.array_equal(moved, each.run(windows, np.tile(phi, (1, len(each.keys))), np.zeros((2, 2)), state))
+    with pytest.raises(ConfigError, match=r"names hydrodynamics.linear.0 twice"):
+        WindowSimulator("otter", ("hydrodynamics.linear", "hydrodynamics.linear.0"), 0.1)
+    with pytest.raises(ConfigError, match="'hydrodynamics.lift' cannot vary"):
+        WindowSimulator("otter", ("hydrodynamics.lift",), 0.1)
 
 
 def test_numbers_far_from_the_file_are_told():

@@ -34,7 +34,7 @@ from taichi_sim.kernels import runtime
 from taichi_sim.models.catalogue import load_vehicle
 from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.models.usv.hull.mesh import Panels, StationsHull, mesh
-from taichi_sim.models.usv.hull.params import CROSS_FLOW, LIFT, Hull6DofParams
+from taichi_sim.models.usv.hull.params import CROSS_FLOW, Hull6DofParams
 from taichi_sim.models.usv.vessel_base import steady_speed
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ LEGS = [  # of half of the log: seconds, ahead, helm
     *5 * [(6, 1, 0.6), (6, 1, -0.6)], (15, -0.5, 0), (15, 0, 0.8), (15, 0, -0.8), (20, 0, 0),
 ]  # straight runs, turning circles, a zigzag, astern, on the spot
 PRIORS = {  # of the fit: surge, and what turns the boat; two propellers tell little of sway
-    "hydrodynamics.linear.0": 0.4, "hydrodynamics.added_mass.5": 0.4, CROSS_FLOW: 0.8, LIFT[3]: 0.8,
+    "hydrodynamics.linear.0": 0.4, "hydrodynamics.added_mass.5": 0.4, CROSS_FLOW: 0.8, "hydrodynamics.lift": 0.8,
     "thrusters.lag": 0.4,
 }  # fmt: skip
 TITLE = "## Boats from their meshes"

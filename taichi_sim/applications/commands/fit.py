@@ -41,10 +41,10 @@ from taichi_sim.applications.fit.log import Log, read_columns, read_log
 from taichi_sim.applications.fit.log_table import CHANNELS, Source
 from taichi_sim.applications.fit.sample_selection import SENSORS
 from taichi_sim.applications.fit.synthetic_logs import write_logs
-from taichi_sim.applications.fit.windows import SECONDS, window_seconds
+from taichi_sim.applications.fit.windows import SECONDS, members, window_seconds
 from taichi_sim.config import ConfigError, TeamConfig
 from taichi_sim.config.io import vehicle_file
-from taichi_sim.errors import command
+from taichi_sim.errors import command, named
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rigid_body import changed_mass
 from taichi_sim.models.catalogue import load_vehicle, vehicle_files
@@ -237,9 +237,13 @@ def _flat(changes: Mapping[str, Any], before: str = "") -> dict[str, Any]:
 def values_of(
     model: Vehicle, keys: Sequence[str], numbers: Sequence[float], notes: Sequence[str]
 ) -> dict[str, tuple[Any, str]]:
-    """What a vehicle file with these numbers says: key -> value and note. A published M_rb follows mass and CG."""
+    """What a vehicle file with these numbers (of sections: factors) says: key -> value and note. A published M_rb
+    follows mass and CG.
+    """
     found: dict[str, tuple[Any, str]] = {
-        key: (float(f"{x:.8g}"), n) for key, x, n in zip(keys, numbers, notes, strict=True)
+        name: (float(f"{x if name == key else x * value:.8g}"), n)
+        for key, x, n in zip(keys, numbers, notes, strict=True)
+        for name, value in members(model, key).items()
     }
     body = getattr(model.params, "rigid_body", None)
     if body is not None and body.M_rb is not None and any(key.startswith("rigid_body.") for key in keys):
@@ -257,7 +261,8 @@ def save(
     """Write a vehicle file with the fitted numbers, their intervals and where they come from; print what is written."""
     today = datetime.date.today().isoformat()
     known = [k for k, told in enumerate(found.told) if told]
-    notes = [f"fitted {today}; 95 %: {found.low[k]:.5g} to {found.high[k]:.5g}" for k in known]
+    times = ["" if key in model.varying else " times what it was" for key in found.keys]
+    notes = [f"fitted {today}; 95 %: {found.low[k]:.5g} to {found.high[k]:.5g}{times[k]}" for k in known]
     fitted = values_of(model, [found.keys[k] for k in known], [found.values[k] for k in known], notes)
     text = written(file, {key: (value, "") for key, value in _flat(changes).items()} | fitted)
     of = "".join(f"#   {log.name}, sha256 {log.digest}\n" for log in logs)
@@ -271,7 +276,7 @@ def save(
 
 def check_out(out: Path, file: Path, model: Vehicle, keys: Sequence[str], changes: Mapping[str, Any]) -> None:
     """Before the search: whether a vehicle file with fitted `keys`, written to `out`, can be read again."""
-    nominal = values_of(model, keys, [model.nominal[key] for key in keys], [""] * len(keys))
+    nominal = values_of(model, keys, [members(model, key).get(key, 1.0) for key in keys], [""] * len(keys))
     text = written(file, {key: (value, "") for key, value in _flat(changes).items()} | nominal)
     with tempfile.TemporaryDirectory() as folder:
         for beside in vehicle_files(file)[1:]:
@@ -279,7 +284,7 @@ def check_out(out: Path, file: Path, model: Vehicle, keys: Sequence[str], change
         trial = Path(folder) / f"{out.stem}.toml"
         trial.write_text(text, encoding="utf-8")
         again = load_vehicle(trial, source=file)
-    for key in keys:
+    for key in (name for of in keys for name in members(model, of)):
         if not np.isclose(again.nominal[key], model.nominal[key], rtol=1e-6):
             raise ConfigError(f"{file}: {key} = {model.nominal[key]:g} is {again.nominal[key]:g} after writing it: it "
                               "follows from other keys; leave out --out")  # fmt: skip
@@ -290,7 +295,8 @@ def parser() -> argparse.ArgumentParser:
     p = parser_of(__doc__, "taichi-sim fit")
     p.add_argument("vehicle", metavar="VEHICLE", help="vehicle file, or the name of a shipped one")
     p.add_argument("logs", nargs="*", type=Path, metavar="LOG", help="CSV, bag of ROS 2, ArduPilot's .bin")
-    p.add_argument("--numbers", default="", metavar="KEY,...", help="numbers to fit [the usual ones of the model]")
+    p.add_argument("--numbers", default="", metavar="KEY,...",
+                   help="numbers to fit; those of a section share a factor [the usual ones of the model]")  # fmt: skip
     p.add_argument("--prior", action="append", type=share, default=[], metavar="KEY=SHARE",
                    help=f"how well it is known beforehand [{PRIOR:g}; mass {PRIORS['mass']:g}]")  # fmt: skip
     p.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE",
@@ -341,8 +347,9 @@ def run(args: argparse.Namespace) -> None:
     asked = dict(args.prior)
     if unknown := sorted(set(asked) - set(keys)):
         raise ConfigError(f"--prior {unknown[0]}: it is not fitted; fitted are {', '.join(keys)}")
-    for key in keys:
-        model.check_varies(key)
+    with named(f"{args.vehicle}: ", ConfigError):
+        for key in keys:
+            members(model, key)
     if args.out is not None:
         check_out(args.out, file, model, keys, changes)
     given = {key: PRIORS[key.rpartition(".")[2]] for key in keys if key.rpartition(".")[2] in PRIORS} | asked

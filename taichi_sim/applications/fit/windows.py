@@ -12,10 +12,11 @@ from taichi_sim.applications.fit.log_table import EAST, HEADING, NORTH, YAW_RATE
 from taichi_sim.applications.fit.sample_selection import SENSORS, Mask
 from taichi_sim.bench import Bench
 from taichi_sim.config import ConfigError
-from taichi_sim.errors import refuse
+from taichi_sim.errors import named, refuse
 from taichi_sim.kernels import conventions
 from taichi_sim.models.catalogue import load_vehicle
 from taichi_sim.models.usv.vessel_base import Vessel
+from taichi_sim.vehicle import Vehicle
 
 SECONDS = 6.0  # usual length of a window
 SAMPLES = 12  # new samples of the slowest sensor that a usual window has
@@ -123,6 +124,16 @@ def first_state(window: Window, interval: float) -> Array:
     return np.array([north, east, psi, c * vn + s * ve, c * ve - s * vn, r])
 
 
+def members(model: Vehicle, key: str) -> dict[str, float]:
+    """Numbers that `key` names, with their values: one, or all of a section but zeros, which share a factor then."""
+    inside = {name: model.nominal[name] for name in model.varying if name.startswith(f"{key}.")}
+    if not inside:
+        model.check_varies(key)
+    found = {name: value for name, value in (inside or {key: model.nominal[key]}).items() if value != 0.0}
+    refuse(ConfigError, (not found, f"{key} is 0 in the file: write a first guess there"))
+    return found
+
+
 class WindowSimulator:
     """Simulates windows side by side, with candidate numbers, currents and initial states."""
 
@@ -132,12 +143,13 @@ class WindowSimulator:
         model = load_vehicle(vehicle, interval / substeps, substeps, **dict(changes or {}))
         if not isinstance(model, Vessel):
             raise ConfigError(f"{vehicle}: only vessels can be fitted")
-        for key in keys:
-            model.check_varies(key)
-            if model.nominal[key] == 0.0:
-                raise ConfigError(f"{vehicle}: {key} is 0 in the file: write a first guess there")
+        with named(f"{vehicle}: ", ConfigError):
+            self.members = [members(model, key) for key in keys]
+        names = [name for of in self.members for name in of]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        refuse(ConfigError, (twice, f"--numbers: names {twice} twice"))
         self.model, self.keys, self.interval = model, tuple(keys), interval
-        self.nominal = np.array([model.nominal[key] for key in keys])
+        self.nominal = np.array([of.get(key, 1.0) for key, of in zip(keys, self.members, strict=True)])  # 1: a factor
         self.benches: dict[int, Bench] = {}  # number of environments -> bench
 
     def run(self, windows: Sequence[Window], phi: Array, current: Array, state: Array) -> Array:
@@ -159,10 +171,11 @@ class WindowSimulator:
         b.current[:] = torch.as_tensor(current).to(like)
         place, euler, zero = np.zeros((3, envs, 1, 3))
         place[:, 0, :2], euler[:, 0, HEADING] = state[:, :2], state[:, HEADING]
-        values = self.nominal * np.exp(phi)
+        factors = torch.as_tensor(np.exp(phi))
         vary = b.fleet.nominal.expand(envs, 1, -1).clone()
-        for k, key in enumerate(self.keys):
-            vary[:, 0, self.model.varying.index(key)] = torch.as_tensor(values[:, k])
+        for k, of in enumerate(self.members):
+            for name, value in of.items():
+                vary[:, 0, self.model.varying.index(name)] = value * factors[:, k]
         b.fleet.give_numbers(vary, self.model.numbers(vary), torch.arange(envs))
         actions = torch.as_tensor(np.stack([w.actions for w in windows], axis=1)).to(like)
         lead = lead_steps(self.interval)
