@@ -67,9 +67,9 @@ def test_added_roll_damping_takes_the_hull_s_own_motion_if_the_file_says_so(rela
     plain = barge()
     found = plain.radiation.database
     assert found is not None
-    w = found.omega[np.abs(found.omega - found.resonances[1]).argmin()]
-    n, beam = int(np.flatnonzero(found.omega == w)[0]), int(np.flatnonzero(found.heading_deg == 90.0)[0])
-    M, C = plain.params.M_rb + found.added_mass[n], found.stiffness
+    C, M = found.stiffness, plain.params.M_rb + found.added_mass
+    n = int(np.abs(C[ROLL, ROLL] - found.omega**2 * M[:, ROLL, ROLL]).argmin())
+    w, M, beam = found.omega[n], M[n], int(np.flatnonzero(found.heading_deg == 90.0)[0])
     added = np.zeros((6, 6))
     added[ROLL, ROLL] = 2 * 0.05 * w * M[ROLL, ROLL]
     theirs = np.linalg.solve(-(w**2) * M - 1j * w * (found.damping[n] + added) + C, found.excitation[n, beam])[ROLL]
