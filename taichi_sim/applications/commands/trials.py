@@ -39,7 +39,7 @@ from taichi_sim.models.catalogue import Changes, load_vehicle
 from taichi_sim.models.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.models.uav.multirotor.params import MultirotorParams
 from taichi_sim.models.usv.vessel_base import Vessel
-from taichi_sim.options import output_folder, parser_of, ranged, refuse_unwritable, seed
+from taichi_sim.options import output_folder, parser_of, positive_int, ranged, refuse_unwritable, seed
 from taichi_sim.vehicle import Vehicle
 
 ARGUMENTS = ("file", "dt", "substeps", "source")  # of load_vehicle, which the commands give
@@ -267,7 +267,9 @@ def parser() -> argparse.ArgumentParser:
         metavar="DEG",
         help="heading of the approach, for wind, waves and current [0]",
     )
-    v.add_argument("--runs", type=int, default=1, metavar="N", help="realisations of the sea, side by side [1]")
+    v.add_argument(
+        "--runs", type=positive_int, default=1, metavar="N", help="realisations of the sea, side by side [1]"
+    )
     v.add_argument("--seed", type=seed, default=1, help="seed of the realisations [1]")
     v.add_argument(
         "--dt",
