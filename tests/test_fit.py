@@ -768,7 +768,7 @@ def test_the_commands_of_the_page_run(searches, tmp_path, monkeypatch, capsys):
     ("otter_3dof nolog.csv", "No such file"),
     ("otter_3dof --synthetic x --factor X_u", "expected KEY=NUMBER"),
     ("otter", "no logs"),
-    ("otter --synthetic x", "name what to fit by --numbers"),
+    ("kvlcc2 --synthetic x", "name what to fit by --numbers"),
     ("otter_3dof nolog.csv --columns nofile.toml", "nofile.toml"),
 ])  # fmt: skip
 def test_bad_input_is_told(words, told, capsys, tmp_path, monkeypatch):

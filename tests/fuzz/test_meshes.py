@@ -79,8 +79,8 @@ def read(path: Path) -> tuple[WettedSurface | None, str]:
 
 
 def volumes(found: WettedSurface) -> np.ndarray:
-    """The integrals of x, y and z over the skin: of a closed one the same. A panel that is not flat counts as the mean of
-    its two pairs of triangles.
+    """The integrals of x, y and z over the skin: of a closed one the same. A panel that is not flat counts as the mean
+    of its two pairs of triangles.
     """
     a, b, c = np.moveaxis(found.whole[:, [[0, 1, 2], [0, 2, 3], [1, 2, 3], [1, 3, 0]]].reshape(-1, 3, 3), 1, 0)
     return ((a + b + c) / 3 * np.cross(b - a, c - a) / 4).sum(axis=0)

@@ -48,6 +48,8 @@ from taichi_sim.errors import command, named
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rigid_body import changed_mass
 from taichi_sim.models.catalogue import load_vehicle, vehicle_files
+from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof
+from taichi_sim.models.usv.hull.params import CROSS_FLOW
 from taichi_sim.models.usv.manoeuvring_3dof import Manoeuvring3dof
 from taichi_sim.models.usv.vessel_base import Vessel
 from taichi_sim.options import option, output, output_folder, parser_of, ranged, seed
@@ -58,6 +60,9 @@ PRIORS = {"mass": 0.02}  # a vessel can be weighed; assumed
 USUAL: dict[type[Vehicle], tuple[str, ...]] = {
     Manoeuvring3dof: ("mass", "I_z", "X_u", "X_uu", "X_uuu", "Y_v", "Y_vv", "N_r", "N_rr", "surge_force_max",
                       "yaw_moment_max"),
+    Hull6Dof: ("hydrodynamics.linear.0", "hydrodynamics.quadratic.0", "hydrodynamics.linear.5",
+               "hydrodynamics.quadratic.5", "hydrodynamics.added_mass.5", CROSS_FLOW, "hydrodynamics.lift",
+               "thrusters.lag"),
 }  # fmt: skip
 SEEN, DELAY = 3.0, 0.005  # a delay is reported from this many deviations, and this many seconds, on
 FAR = 4.0  # deviations of a prior beyond which a fitted number is doubtful
@@ -79,7 +84,8 @@ def numbers_of(model: Vehicle, asked: str, vehicle: str) -> tuple[str, ...]:
     usual = USUAL.get(type(model))
     if usual is None:
         raise ConfigError(f"{vehicle}: name what to fit by --numbers; it may be {', '.join(model.varying)}")
-    return tuple(key for key in usual if model.nominal[key] != 0.0)
+    there = {name for name, value in model.nominal.items() if value != 0.0}
+    return tuple(key for key in usual if any(name == key or name.startswith(f"{key}.") for name in there))
 
 
 def lines(found: Fit, logs: list[Log]) -> list[str]:
