@@ -38,7 +38,7 @@ def parser() -> argparse.ArgumentParser:
         nargs=2,
         default=None,
         metavar=("LAT", "LON"),
-        help="latitude and longitude of a bag's origin, degrees (default: 63.48 10.40)",
+        help="latitude and longitude of the origin of a bag, or of --ros, degrees (default: 63.48 10.40)",
     )
     other = p.add_mutually_exclusive_group()
     for name, text in (("beside", "on the left"), ("ghost", "as pale vehicles in the same scene")):
@@ -51,6 +51,9 @@ def parser() -> argparse.ArgumentParser:
     shared.add_film(p)
     p.add_argument("--live", action="store_true", help="show the episode in a rerun viewer while it is simulated")
     p.add_argument(
+        "--ros", action="store_true", help="be a node of ROS 2: the topics of a bag in real time, and commands in"
+    )
+    p.add_argument(
         "--web",
         type=port,
         nargs="?",
@@ -60,7 +63,7 @@ def parser() -> argparse.ArgumentParser:
         help="then serve the recording to browsers on this machine until Ctrl-C (default port: 9090)",
     )
     p.add_argument(
-        "--speed", type=positive_float, default=1.0, help="speed of --live relative to real time (default: 1)"
+        "--speed", type=positive_float, default=1.0, help="speed of --live or --ros relative to real time (default: 1)"
     )
     p.add_argument(
         "--port",
@@ -85,12 +88,14 @@ def main(argv: list[str] | None = None) -> None:
     from rl.evaluation.episode_recording import output_of, record_episode
     from rl.evaluation.store import recording_name
     from rl.runs.folder import RunError
+    from rl.runs.ros_node import ros_node
     from rl.runs.watch import episode_view, refuse_used
     from taichi_sim.visualisation.film.files import check_film, write_film
     from taichi_sim.visualisation.recording import Episode
+    from taichi_sim.visualisation.recording.east_north_up import FJORD, Origin
     from taichi_sim.visualisation.recording.live import serve_web
 
-    output = output_of(args.out, args.origin, show_progress=not args.quiet)
+    output = output_of(args.out, None if args.ros else args.origin, show_progress=not args.quiet)
     given = {"beside": args.beside, "ghost": args.ghost, "web": args.web}
     name, other = next(((name, value) for name, value in given.items() if value), ("", None))
     if other and (output.reader != "rerun" or (args.film and args.out is None and not args.beside)):
@@ -113,8 +118,12 @@ def main(argv: list[str] | None = None) -> None:
         record_episode, config, seed=seed, number=number, duration=args.duration, source=source,
         show_progress=not args.quiet,
     )  # fmt: skip
-    with episode_view(args.live, args.port, args.speed) as seen:
-        episode = record(policies, seen=seen)
+    if args.ros:
+        with ros_node(Origin(*args.origin) if args.origin else FJORD, args.speed) as seen:
+            episode = record(seen.listening(policies), seen=seen)
+    else:
+        with episode_view(args.live, args.port, args.speed) as seen:
+            episode = record(policies, seen=seen)
     for event in episode.events:
         print(f"{event.time_s:7.1f} s  {event.text}")
     shown: Episode | dict[str, Episode] = episode

@@ -88,10 +88,10 @@ class EpisodeReel:
         """All frames; `parts` as Recorder.episode has them."""
         return self.recorder.episode(**self._drawn(), **parts)
 
-    def part(self, **parts: Unpack[EpisodeOptions]) -> Episode:
-        """The frames since the last part, which are then forgotten."""
-        part = self.recorder.part(**self._drawn(), **parts)
-        self._frames = []
+    def part(self, keep: int = 0, **parts: Unpack[EpisodeOptions]) -> Episode:
+        """The frames since the last part, which are then forgotten, but for the last `keep`."""
+        part = self.recorder.part(keep, **self._drawn(), **parts)
+        self._frames = self._frames[len(self._frames) - keep :]
         return part
 
     def _drawn(self) -> _Drawn:

@@ -190,11 +190,13 @@ class Recorder:
             like=like,
         )
 
-    def part(self, **parts: Unpack[EpisodeParts]) -> Episode:
-        """Episode of the frames since the last part, which are then dropped. `parts` are arguments of `episode`."""
-        part = self.episode(**parts)
-        self._time, self._flows = [], []
-        self._rows = {name: [] for name in self._rows}
+    def part(self, keep: int = 0, **parts: Unpack[EpisodeParts]) -> Episode:
+        """Episode of the frames since the last part, which are then dropped, but for the last `keep`. `parts` are
+        arguments of `episode`.
+        """
+        part, first = self.episode(**parts), len(self) - keep
+        self._time, self._flows = self._time[first:], self._flows[first:]
+        self._rows = {name: rows[first:] for name, rows in self._rows.items()}
         return part
 
     def _elevation(self) -> Elevation:

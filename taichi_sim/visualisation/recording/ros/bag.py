@@ -36,14 +36,19 @@ class BagError(UserError, ValueError):
 
 def check_bag(path: Path, *, folder: bool, origin: Origin = FJORD) -> None:
     """Refuse a path that cannot be written, before an episode is simulated."""
-    if missing := [name for name in PACKAGES if find_spec(name) is None]:
-        raise BagError(f'{path}: bags need {" and ".join(missing)}: pip install "taichi-sim[ros]"')
+    check_messages(str(path), origin)
     if not path.parent.is_dir():
         raise BagError(f"{path}: there is no folder {path.parent}")
     if folder and path.exists() and not (path.is_dir() and not any(path.iterdir())):
         raise BagError(f"{path} exists already: remove it, or give another --out")
     if not folder and path.is_dir():
         raise BagError(f"{path} is a folder: give another --out")
+
+
+def check_messages(what: str, origin: Origin) -> None:
+    """Refuse `what` without the packages of messages, or with an origin that is no place."""
+    if missing := [name for name in PACKAGES if find_spec(name) is None]:
+        raise BagError(f'{what}: it needs {" and ".join(missing)}: pip install "taichi-sim[ros]"')
     if not (-90 < origin.latitude < 90 and -180 <= origin.longitude <= 180):
         raise BagError(
             f"origin {origin.latitude:g} {origin.longitude:g}: a latitude is between -90 and 90 degrees, a longitude "
@@ -57,7 +62,7 @@ def write_mcap(episode: Episode, file: Path, *, origin: Origin = FJORD, show_pro
     from mcap.writer import Writer
     from rosbags.rosbag2.metadata import dump_qos_v8
 
-    typestore, messages = _messages(episode, origin)
+    typestore, messages = messages_of(episode, origin)
     with _beside(file) as part:
         with part.open("wb") as stream:
             writer = Writer(stream)
@@ -84,7 +89,7 @@ def write_rosbag2(episode: Episode, folder: Path, *, origin: Origin = FJORD, sho
     check_bag(folder, folder=True, origin=origin)
     from rosbags.rosbag2 import StoragePlugin, Writer
 
-    typestore, messages = _messages(episode, origin)
+    typestore, messages = messages_of(episode, origin)
     with _beside(folder) as part:
         whole = part / folder.name  # the storage is named after its folder
         with Writer(whole, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
@@ -104,7 +109,7 @@ def write_rosbag2(episode: Episode, folder: Path, *, origin: Origin = FJORD, sho
     return folder
 
 
-def _messages(episode: Episode, origin: Origin) -> tuple["Typestore", Messages]:
+def messages_of(episode: Episode, origin: Origin) -> tuple["Typestore", Messages]:
     """A typestore, and the messages of `episode` in its types."""
     from rosbags.typesys import Stores, get_typestore
 
