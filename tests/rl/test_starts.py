@@ -13,7 +13,8 @@ from rl.missions.formation.slots import offsets_of, unit_offsets
 from taichi_sim.config.io import find_config
 from taichi_sim.kernels.conventions import DOWN
 
-SHIPPED = ("cruise", "paper", "lanes", "otter", "aerosonde", "escort", "landing", "station", "route", "encounter")
+SHIPPED = ("cruise", "paper", "lanes", "otter", "aerosonde", "escort", "landing", "station", "route", "encounter",
+           "imazu")  # fmt: skip
 REACTION = 2.0  # s
 
 FEW = ("track.worlds=64", "sea.realisations=64")
