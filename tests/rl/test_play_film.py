@@ -24,7 +24,6 @@ def test_a_film_takes_the_recordings_place_unless_both_are_wanted(run, tmp_path,
 @pytest.mark.parametrize(
     ("arguments", "status", "words"),
     [
-        (("--film", "nowhere/film.gif"), 1, ("nowhere", "no such folder")),
         (("--film", "film.avi"), 1, ("film.avi", ".webp")),
         (("--film", "film.gif", "--film-view", "sky"), 1, ("'sky'", "usv")),
         (("--film-fps", "30"), 1, ("--film-fps", "no --film FILE")),
