@@ -109,6 +109,12 @@ def offset_of(k):
     return (k % TURNS - ti.static(TURNS // 2)) * TURN, 1.0 - 0.5 * (k // TURNS)
 
 
+def nearest(offsets: Tensor) -> Tensor:
+    """The candidates, int64 [..], nearest to offsets [.., 2] of course (rad) and speed (factor)."""
+    turn = (offsets[..., 0] / TURN).round().clamp(-(TURNS // 2), TURNS // 2) + TURNS // 2
+    return (turn + TURNS * (2.0 * (1.0 - offsets[..., 1])).round().clamp(0, SLOWS - 1)).long()
+
+
 @ti.func
 def danger_of(k, here, now, hull, lag, route, without, planned, tracks: ti.template(), e, i, g: ti.template()):
     """Greatest danger of candidate k for a vessel at `here` with velocity `now`, over all tracks, and the least gap.

@@ -1,8 +1,8 @@
 """The own ships: each follows a route by line of sight, and gives way by offsets of course and speed.
 
 A policy's actions are those of SB-MPC (avoidance.py): an offset of the course, up to 90 degrees to either side, and a
-factor of the planned speed; or, with `[TEAM.correction]`, corrections of those that SB-MPC chooses. The course that
-the nose is to take is
+factor of the planned speed; or, with `[TEAM.correction]`, corrections of those that SB-MPC chooses, where the candidate
+nearest to the result is in no greater danger, as SB-MPC foresees it. The course that the nose is to take is
 
     chi = route + x - (1 - min(|x| / 15 deg, 1)) atan(across / lookahead) - crab,
 
@@ -18,7 +18,7 @@ from torch import Tensor
 
 from rl.guidance.helm import Helm
 from rl.guidance.targets_and_errors import wrap
-from rl.missions.encounter.avoidance import TURN, Plans, SbmpcGains
+from rl.missions.encounter.avoidance import TURN, Plans, SbmpcGains, nearest
 from rl.missions.encounter.bodies import Body, Track
 from rl.missions.encounter.config import EncounterConfig, EncounterScenario, EncounterTeam
 from rl.missions.encounter.pairs import Pair, Pairs
@@ -160,14 +160,14 @@ class OwnShips(Team[Sea, EncounterTeam]):
             course, speed = action.unbind(-1)
             return self.sail(torch.stack((MOST_OFFSET * course, (1.0 + speed).clamp(0.0, 1.0)), dim=-1))
         most = action.new_tensor([math.radians(correction.course_deg), correction.speed])
-        return self.corrected(most * action)
+        wanted, (fan, best) = self.corrected(most * action), self.weighed
+        danger = (fan[..., 0].gather(-1, nearest(x).unsqueeze(-1)) for x in (wanted, best))
+        return self.sail(torch.where(next(danger) <= next(danger), wanted, best))
 
     def corrected(self, correction: Tensor) -> Tensor:
-        """Vehicle actions of SB-MPC, whose offsets are corrected [env, own ship, 2] (rad, share of the planned
-        speed).
-        """
+        """Offsets that SB-MPC chooses, plus corrections [env, own ship, 2] (rad, share of the planned speed)."""
         course, speed = (self.weighed[1] + correction).unbind(-1)
-        return self.sail(torch.stack((course.clamp(-math.pi, math.pi), speed.clamp(0.0, 1.0)), dim=-1))
+        return torch.stack((course.clamp(-MOST_OFFSET, MOST_OFFSET), speed.clamp(0.0, 1.0)), dim=-1)
 
     @property
     def weighed(self) -> tuple[Tensor, Tensor]:
@@ -239,8 +239,8 @@ class OwnShips(Team[Sea, EncounterTeam]):
         return CORRECTIONS
 
     def planned(self, correction: Tensor, known: object = None) -> Tensor:
-        """See `corrected`."""
-        return self.corrected(correction)
+        """See `corrected`; a plan weighs dangers itself."""
+        return self.sail(self.corrected(correction))
 
     # -- observations ----------------------------------------------------------------------------------------------
 
