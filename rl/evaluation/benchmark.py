@@ -27,7 +27,7 @@ from rl.evaluation.headroom import (
     headroom,
     judge_on_bounds,
     read_levels,
-    teams_beside,
+    simulated,
     with_keys_of_stored,
 )
 from rl.evaluation.intervals import Interval, intervals, ratios
@@ -96,7 +96,7 @@ def frozen(task: Task) -> str:
     config = load_scenario(task.source)
     levels = json.loads(file.read_text(encoding="utf-8"))["teams"] if (file := bound_file(config)).is_file() else {}
     content = [task.model_dump(mode="json", exclude={"digest"}), {team: levels.get(team) for team in task.teams}]
-    beside = sorted({other for team in task.teams for other in teams_beside(config, team)})
+    beside = sorted({other for team in task.teams for other in simulated(config, team)})
     apart = {name for name in config.teams if name not in beside}
     data = config.model_dump(mode="json", exclude_none=True, exclude={"stages", "seed", "replaced"} | apart)
     for key in ("seed", "episodes"):

@@ -137,6 +137,11 @@ def teams_beside(config: Scenario, team: str) -> tuple[str, ...]:
     return tuple(config.trained) if config.mission != "formation" else (team,)
 
 
+def simulated(config: Scenario, team: str) -> tuple[str, ...]:
+    """The same, and the teams of scripts, which always take part."""
+    return (*teams_beside(config, team), *config.scripted)
+
+
 # -- files -------------------------------------------------------------------------------------------------------------
 
 
@@ -149,7 +154,7 @@ def digest(config: Scenario, team: str) -> str:
     """A hash that differs between scenarios whose episodes of a team differ; keys that are not given or that only
     learning reads do not count, nor do teams that are not simulated with it.
     """
-    beside = teams_beside(config, team)
+    beside = simulated(config, team)
     left_out = {"stages", "seed", "evaluation", "replaced"} | {name for name in config.teams if name not in beside}
     data = config.model_dump(mode="json", exclude_none=True, exclude=left_out)
     for name in beside:
