@@ -19,7 +19,9 @@ pytestmark = pytest.mark.usefixtures("f64")
 FILES = {
     "unity_boat": {},
     "unity_aircraft": {},
-    "cybership2": {"Y_rdot": -0.3, "N_vdot": -0.2, "time_constant": 0.4, "actions": "surge_sway_yaw"},
+    "cybership2": {
+        "Y_rdot": -0.3, "N_vdot": -0.2, "N_rrr": -0.2, "time_constant": 0.4, "actions": "surge_sway_yaw",
+    },
 }
 KEYS = {"unity_boat": UnityBoat.varying, "unity_aircraft": UnityAircraft.varying, "cybership2": Manoeuvring3dof.varying}
 STEPS, HELD = 40, 5  # of 0.1 s; steps for which an action is held

@@ -314,12 +314,14 @@ REFUSED = {
     "usv.vehicle=merchant_ship": "usv.vehicle",
     "usv.control={horison=3}": "horison",
     "traffic.vary.length=[400,400]": "encounter.tcpa",
+    "encounter.set=clock": "encounter.set",  # with ships that are too slow for it
 }
 
 
 @pytest.mark.parametrize("override", REFUSED)
 def test_refusals_name_the_key(override):
-    short = ("encounter.tcpa=[10,12]",) if "length" in override else ()
+    beside = {"length": "encounter.tcpa=[10,12]", "clock": "traffic.vary.length=[5,5]"}
+    short = [text for word, text in beside.items() if word in override]
     with pytest.raises(UserError, match=REFUSED[override].replace(".", r"\.")):
         make_mission(load_scenario("encounter", (override, *short)), 2, seed=1)
 

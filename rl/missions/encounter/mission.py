@@ -93,16 +93,15 @@ class Encounter(Mission[EncounterScenario, OwnShips]):
     def begin(self, envs: Tensor, *, cases: Tensor | None = None) -> None:
         """Draw who meets whom in environments `envs`; `cases` int64 [n], of a table (default: random ones)."""
         config, part, n, own = self.config, self.config.encounter, len(envs), self._own.count
-        table = cases_of(config)
+        table, script = cases_of(config), self.world.scripts[part.traffic]
+        lengths = torch.cat((sizes_of(self._own)[..., 0], sizes_of(self._ships)[..., 0]), dim=1)[envs]
+        tops = torch.full_like(lengths, self._own.model.limits.speeds[2])
+        tops[:, own:] = script.tops[envs] if isinstance(script, Traffic) else self._ships.model.limits.speeds[2]
         if table:
             cases = self.draw(len(table), n) if cases is None else cases % len(table)
             self.case[envs] = cases
-            begun = from_table(config, cases, own - 1 + self._ships.count, self.generator)
+            begun = from_table(config, cases, tops, self.generator)
         else:
-            script = self.world.scripts[part.traffic]
-            lengths = torch.cat((sizes_of(self._own)[..., 0], sizes_of(self._ships)[..., 0]), dim=1)[envs]
-            tops = torch.full_like(lengths, self._own.model.limits.speeds[2])
-            tops[:, own:] = script.tops[envs] if isinstance(script, Traffic) else self._ships.model.limits.speeds[2]
             flow = self.world.current.velocity[envs]
             begun = drawn(config, n, lengths, tops, own - 1, flow, self.generator)
         route = torch.zeros((n, own, 3), dtype=torch.float64)
@@ -112,7 +111,6 @@ class Encounter(Mission[EncounterScenario, OwnShips]):
         place, course, speed = (x[:, own - 1 :].to(self.bodies) for x in begun[1:])
         self.place(part.own, envs, route[..., :2].to(self.bodies), route[..., 2].to(self.bodies), part.speed)
         self.place(part.traffic, envs, place, course, speed)
-        script = self.world.scripts[part.traffic]
         if isinstance(script, Traffic):
             script.start(envs, course, speed)
 

@@ -65,9 +65,14 @@ def direction(course: Tensor) -> Tensor:
     return torch.stack((course.cos(), course.sin()), dim=-1)
 
 
-def from_table(config: EncounterScenario, cases: Tensor, bodies: int, generator: torch.Generator) -> Situation:
-    """Situations `cases` [n] of the table; the own course is off by up to `course_deg`."""
-    part, table, n = config.encounter, cases_of(config), len(cases)
+def from_table(config: EncounterScenario, cases: Tensor, tops: Tensor, generator: torch.Generator) -> Situation:
+    """Situations `cases` [n] of the table, of bodies with top speeds `tops` [n, 1 + body] (m/s), the first own ship's
+    first; the own course is off by up to `course_deg`.
+
+    Raises:
+        ConfigError: if a ship is too slow.
+    """
+    part, table, n, bodies = config.encounter, cases_of(config), len(cases), tops.shape[1] - 1
     draw = torch.rand((n, 2), generator=generator, dtype=torch.float64)
     time = part.tcpa[0] + (part.tcpa[1] - part.tcpa[0]) * draw[:, 0]
     route = math.radians(part.course_deg) * (2 * draw[:, 1] - 1)
@@ -76,6 +81,12 @@ def from_table(config: EncounterScenario, cases: Tensor, bodies: int, generator:
         rows[k, : len(case)] = torch.tensor(case, dtype=torch.float64)
     course, share = rows[cases.cpu()].unbind(-1)
     course, speed = torch.deg2rad(course), part.speed * share
+    slow = speed > tops[:, 1:].double().cpu() * (1 + 1e-6)
+    why = (
+        f"encounter.set = {part.set!r}, encounter.speed = {part.speed:g}: a ship would go at "
+        f"{float(speed.max()):.3g} m/s, and the shortest can go at {float(tops[:, 1:].min()):.3g} m/s"
+    )
+    refuse(ConfigError, (slow.any(), why))
     meeting = torch.stack((part.speed * time, torch.zeros_like(time)), dim=-1)
     place = meeting.unsqueeze(1) - (speed * time.unsqueeze(-1)).unsqueeze(-1) * direction(course)
     return _sails_away(config, Situation(route, place, course, speed), speed > 0, generator)
