@@ -3,6 +3,9 @@
 A recording with several episodes has the caption of each as the root of its paths.
 """
 
+# pyarrow makes its functions when it is imported.
+# pyright: reportAttributeAccessIssue=false
+
 import json
 import re
 import warnings

@@ -1,5 +1,8 @@
 """Export of a policy to TorchScript and ONNX, with actions clipped to [-1, 1]."""
 
+# torch types a module's weights as tensors or modules.
+# pyright: reportArgumentType=false
+
 import json
 import logging
 import warnings
