@@ -9,7 +9,7 @@ RAISE = re.compile(r"^\s*raise\b", re.MULTILINE)
 MOST = {
     "rl": 24,
     "rl/adapters": 21,
-    "rl/commands": 28,
+    "rl/commands": 27,
     "rl/evaluation": 28,
     "rl/guidance": 11,
     "rl/learn": 34,

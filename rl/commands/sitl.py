@@ -89,8 +89,11 @@ def serve(args: argparse.Namespace) -> None:
     config = load_scenario(source, args.overrides)
     shared.tell_replaced(config, args.overrides)
     places = read_autopilots(args.autopilot, config)
-    if not places:
-        raise ConfigError("--autopilot: name at least one vehicle, for example --autopilot usv.0=9002")
+    refuse(
+        ConfigError,
+        (args.home and not args.ais, "--home is where --ais tells ships: give that, too"),
+        (not places, "--autopilot: name at least one vehicle, for example --autopilot usv.0=9002"),
+    )
     written = None if args.record is None else output_of(args.record)
     args.threads = args.threads or 1
     shared.start(args)
@@ -163,9 +166,12 @@ def teller_of(args: argparse.Namespace, mission):
     from taichi_sim.visualisation.recording.east_north_up import Origin
 
     to, config = read_address(args.ais), mission.config
+    north, east = args.home or (0.0, 0.0)
     refuse(
         ConfigError,
         (not isinstance(mission, Encounter), f"--ais: there are no ships in {config.mission!r}"),
+        (abs(north) > 90 or abs(east) > 180,
+         f"--home {north:g} {east:g}: latitude is -90 to 90, longitude -180 to 180"),
         (to.kind != "udp", f"--ais {to}: is told by UDP: udp:ADDRESS:PORT"),
     )
     home = Origin(*(args.home or mission.origin or HOME))

@@ -308,6 +308,7 @@ REFUSED = {
     "traffic.correction={}": "traffic.correction",
     "encounter.own=nobody": "encounter.own",
     "ais.transponder=C": "ais.transponder",
+    "ais.silent=9000": "ais",  # beyond its range
     "encounter.cases=[3]": "encounter",  # of `drawn`
     "encounter.behaviours={keeps=0,obeys=0,late=0,port=0,stops=0}": "encounter.behaviours",
     "traffic.vehicle=otter": "traffic",

@@ -69,7 +69,8 @@ class Heard:
         length, beam = m.dimension_bow + m.dimension_stern, m.dimension_port + m.dimension_starboard
         size = (float(length), float(beam)) if m.flags & DIMENSIONS and length and beam else UNKNOWN
         ahead, aside = 0.5 * (m.dimension_bow - m.dimension_stern), 0.5 * (m.dimension_starboard - m.dimension_port)
-        c, s = math.cos(math.radians(0.01 * m.heading)), math.sin(math.radians(0.01 * m.heading))
+        heading = math.radians(0.01 * m.heading) if m.heading < 36000 else course  # 511 deg: it is not told
+        c, s = math.cos(heading), math.sin(heading)
         antenna = Origin(1e-7 * m.lat, 1e-7 * m.lon)
         middle = geodetic(np.array((ahead * s + aside * c, ahead * c - aside * s, 0.0)), antenna)
         velocity = (speed * math.cos(course), speed * math.sin(course))

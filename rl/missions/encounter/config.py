@@ -124,6 +124,10 @@ class AisConfig(Strict):
     place_noise: Annotated[NonNegative, Plausible(0.05, 200.0, "m")] = 5.0  # standard deviation, each way; assumed
     speed_noise: Annotated[NonNegative, Plausible(5e-3, 5.0, "m/s")] = 0.1
 
+    def _mistakes(self) -> Iterator[str]:
+        if self.silent >= self.range:
+            yield f"silent = {self.silent:g} m: must be below range = {self.range:g} m (carried = 0: nobody has AIS)"
+
 
 class RadarConfig(Strict):
     """`[radar]`: scans of all that is around; IMO MSC.192(79), 5.25: 1 % of the range, 2 degrees."""
