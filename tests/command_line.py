@@ -17,10 +17,12 @@ import shutil
 import signal
 import sys
 import tempfile
+import traceback
 from pathlib import Path
 
 import pytest
 from filelock import FileLock
+from folders import ROOT
 
 from rl.commands import shared
 from rl.learn.policy import checkpoints
@@ -28,7 +30,6 @@ from rl.missions import load_scenario
 from rl.missions.formation.config import FormationScenario
 from taichi_sim.errors import MissingExtraError
 
-ROOT = Path(__file__).resolve().parents[1]
 ITERATIONS = 4
 CHECKPOINT_INTERVAL = 2  # checkpoints after iterations 1, 3 and 4
 TINY = (
@@ -55,6 +56,7 @@ TINY = (
 TEAMS = ("usv", "uav")
 TIMEOUT = 900  # s, after which a command hangs: a busy machine takes minutes for what takes ten seconds
 place = Path()  # of the tiny run
+PLAIN = ("rl.commands.report", "rl.commands.export")  # commands without the common arguments
 
 
 def sets(*overrides: str) -> list[str]:
@@ -170,7 +172,7 @@ def printed(module: str, *arguments: object, cwd: Path) -> str:
 def tiny_run() -> Path:
     """Return the folder of one whole tiny main job, run by the script; not to be changed.
 
-    The worker that needs it first makes it in `place`, which tests/rl/conftest.py sets; others wait for it.
+    The worker that needs it first makes it in `place`, which a fixture sets; others wait for it.
     """
     folder = place / "tiny"
     with FileLock(place / "tiny.lock"):
@@ -228,3 +230,37 @@ def assert_whole(run: Path) -> None:
     assert [stage["iterations"] for stage in summary["stages"]] == [ITERATIONS] * 2
     assert (run / "report.html").is_file() and (run / "episode.rrd").is_file() and list((run / "figures").glob("*.png"))
     assert not list(run.rglob("*.part*"))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def place_of_the_tiny_run(tmp_path_factory):
+    """Put the tiny run where all workers of a session find it."""
+    global place
+    own = tmp_path_factory.getbasetemp()
+    place = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
+
+
+@pytest.fixture
+def here(capsys):
+    """Return a function that runs a command in this process: enough for messages."""
+
+    def run(module: str, *arguments: object) -> Ending:
+        capsys.readouterr()
+        main = importlib.import_module(module).main
+        try:
+            common = [] if module in PLAIN else ["--quiet", "--threads", "1"]
+            status = shared.run(main, [*map(str, arguments), *common])
+        except SystemExit as ending:
+            status = int(ending.code or 0)
+        except Exception:  # what a user would see of it
+            status = 1
+            traceback.print_exc()
+        return Ending(status, *capsys.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def run(tmp_path) -> Path:
+    """Return a copy of the tiny run."""
+    return Path(shutil.copytree(tiny_run(), tmp_path / "run"))

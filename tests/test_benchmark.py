@@ -5,10 +5,10 @@ import math
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from folders import ROOT
 
 from rl.commands import shared
 from taichi_sim.applications.trials.step_error import INTERVAL
@@ -19,7 +19,6 @@ from tools.benchmarking.mission import Stopwatch, scenario_cases
 from tools.benchmarking.physics import measured_vehicles, shipped_vehicles
 from tools.benchmarking.timing import Case, measure
 
-ROOT = Path(__file__).parents[1]
 TOOL = ROOT / "tools" / "benchmark.py"
 
 

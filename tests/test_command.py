@@ -9,6 +9,7 @@ import venv
 from pathlib import Path
 
 import pytest
+from folders import ROOT
 
 from rl.commands import main as command
 from rl.commands import starters
@@ -17,7 +18,6 @@ from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder
 from taichi_sim.models.catalogue import load_vehicle
 
-ROOT = Path(__file__).resolve().parents[1]
 OUTPUTS = ("--out", "--json", "--export", "--film", "--report", "--log", "--record", "--synthetic")
 FEW = ("--set", "stages.first.iterations=2", "--set", "evaluation.episodes=2", "--set", "episode_duration=5")
 

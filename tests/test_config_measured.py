@@ -4,6 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from folders import REFERENCE
 from refusal import assert_says, refusal
 
 from rl.missions import load_scenario
@@ -13,7 +14,7 @@ from taichi_sim.config.io import load_world
 from taichi_sim.randomisation.conditions import realise
 from taichi_sim.surroundings.sea import sea_size
 
-BUOY = Path(__file__).parent / "data" / "reference" / "buoys" / "41010.data_spec"
+BUOY = REFERENCE / "buoys" / "41010.data_spec"
 TIME = '"2020-06-08 02:50"'
 
 

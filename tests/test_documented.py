@@ -15,6 +15,7 @@ from typing import NamedTuple
 import command_line
 import pytest
 from command_line import ROOT, TIMEOUT, sets, tiny_run
+from folders import REFERENCE
 from named_thrusters import write_hull
 
 from rl.commands.main import SCRIPTS, STARTERS, starter_parser
@@ -177,7 +178,7 @@ def test_no_block_without_a_language_hides_a_command():
 
 RUNS = ("RUN", "runs/NAME", "runs/OTHER", "runs/A", "runs/B", "runs/C", "runs/rough")
 OTHER_RUNS = {"docs/landing.md": "landing", "docs/tutorials/report.md": "buoy"}
-BUOY = ROOT / "tests" / "data" / "reference" / "buoys"
+BUOY = REFERENCE / "buoys"
 NEEDS = {
     "taichi-sim sitl": "an autopilot at the other end: test_sitl.py",
     "taichi-sim pilot": "autopilots at the other end: test_pilot.py",

@@ -6,7 +6,7 @@ import dataclasses
 import numpy as np
 import pytest
 from PIL import Image
-from test_recording import make_episode
+from recorded import make_episode
 
 from taichi_sim.errors import MissingExtraError
 from taichi_sim.visualisation.film import FilmError, Picture, check_film, moment_of, write_film

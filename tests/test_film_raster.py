@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from test_recording import make_episode
+from recorded import make_episode
 
 from taichi_sim.config import SeaConfig
 from taichi_sim.surroundings.sea import Sea

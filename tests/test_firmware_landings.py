@@ -5,11 +5,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from folders import TESTS
 
 from rl.commands.shared import run
 from tools import firmware_landings
 
-HERE = Path(__file__).resolve().parent
 CALM = (
     "landing.distance=[3,4]", "landing.height=[3,4]", "course.speed=[0,0]", "sea.sea_state=2", "air.speed=0",
     'air.turbulence="none"', "air.std=0", "vary={}", "episode_duration=40",
@@ -28,7 +28,7 @@ def _program(folder: Path, text: str) -> Path:
 def test_stand_ins_take_off_fly_to_their_decks_and_land(tmp_path, capsys):
     """In calm air and hs 0.3 m: the whole way of commands, and the benchmark's judge, of two landings at once."""
     pytest.importorskip("pymavlink")
-    file = _program(tmp_path, f'exec "{sys.executable}" "{HERE / "copter_standin.py"}" "$@"')
+    file = _program(tmp_path, f'exec "{sys.executable}" "{TESTS / "copter_standin.py"}" "$@"')
     words = ["--autopilot", str(file), "--landings", "2", "--instance", "41", "--json", str(tmp_path / "out.json")]
     assert run(firmware_landings.main, [*words, *SETS]) == 0, capsys.readouterr().err
     figures = json.loads((tmp_path / "out.json").read_text())["figures"]
@@ -40,7 +40,7 @@ def test_stand_ins_take_off_fly_to_their_decks_and_land(tmp_path, capsys):
 @pytest.mark.slow
 def test_a_policy_lands_stand_ins_as_their_companion(tmp_path, capsys):
     pytest.importorskip("pymavlink")
-    file = _program(tmp_path, f'exec "{sys.executable}" "{HERE / "copter_standin.py"}" "$@"')
+    file = _program(tmp_path, f'exec "{sys.executable}" "{TESTS / "copter_standin.py"}" "$@"')
     words = ["--autopilot", str(file), "--landings", "2", "--instance", "45", "--json", str(tmp_path / "out.json")]
     assert run(firmware_landings.main, [*words, *SETS, "--companion", "landing"]) == 0, capsys.readouterr().err
     figures = json.loads((tmp_path / "out.json").read_text())["figures"]
@@ -53,7 +53,7 @@ def test_what_is_no_autopilot_is_refused(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(firmware_landings, "COMES_WITHIN", 1.0)
     for path, told in (
         (tmp_path / "nothing", "no program that could be run"),
-        (HERE / "test_firmware_landings.py", "no program that could be run"),
+        (TESTS / "conftest.py", "no program that could be run"),
         (_program(tmp_path, "echo no sim here; exit 3"), "It has ended with status 3. no sim here"),
     ):
         assert run(firmware_landings.main, ["--autopilot", str(path), "--instance", "43", *SETS]) == 1

@@ -14,9 +14,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from folders import ROOT
+from recorded import make_episode
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
-from test_recording import make_episode
 
 from taichi_sim.applications.commands import fit as command
 from taichi_sim.applications.fit import estimate
@@ -213,7 +214,7 @@ def test_columns_of_other_names_are_read_where_a_file_says(logs, tmp_path):
 
 def test_the_page_s_files_read_the_esso_osaka_s_logs(tmp_path):
     """Columns as FRT-DS-ESSO has them, values made up: a turn to starboard, wind from x0, empty rows at the end."""
-    page = (Path(__file__).parents[1] / "docs" / "fit.md").read_text()
+    page = (ROOT / "docs" / "fit.md").read_text()
     blocks = re.findall(r"^```toml\n(.*?)^```$", page, re.M | re.S)
     for name, first in (("columns.toml", 't = "t [s]"'), ("esso_osaka.toml", "# Esso Osaka")):
         [block] = [text for text in blocks if text.startswith(first)]
@@ -740,7 +741,7 @@ def test_numbers_far_from_the_file_are_told():
 @pytest.mark.parametrize("searches", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_the_commands_of_the_page_run(searches, tmp_path, monkeypatch, capsys):
     """docs/fit.md: every `taichi-sim fit` as it is written, with small stand-ins for data; slow: with searches."""
-    page = (Path(__file__).parents[1] / "docs" / "fit.md").read_text()
+    page = (ROOT / "docs" / "fit.md").read_text()
     monkeypatch.chdir(tmp_path)
     if not searches:
         monkeypatch.setattr(command, "fit", _unfitted)

@@ -1,10 +1,10 @@
 """Boundary elements against closed forms and another run of capytaine; minutes, and the extra `bem`."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
+from folders import REFERENCE
 
 pytest.importorskip("capytaine")
 
@@ -17,11 +17,9 @@ from tests.validation.regular import motions
 from tests.validation.tables import read_csv
 from tools import hydrodynamics
 
-ROOT = Path(__file__).resolve().parents[1]
-
 pytestmark = pytest.mark.slow
 RHO, G = 1025.0, 9.81
-TABLES = ROOT / "tests" / "data" / "reference" / "hydrostatics"
+TABLES = REFERENCE / "hydrostatics"
 NO_LID = np.empty((0, 4, 3))
 
 

@@ -7,8 +7,7 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
-
-ROOT = Path(__file__).resolve().parent.parent
+from folders import ROOT
 
 # From the bottom up; a name stands for the module or package and all inside it.
 LAYERS = (

@@ -6,8 +6,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from folders import ROOT
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "interfaces.md"
+PAGE = ROOT / "docs" / "interfaces.md"
 BLOCK = re.compile(r"^```\w+ file=(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 EXAMPLES = dict(BLOCK.findall(PAGE.read_text(encoding="utf-8")))
 JUDGED = re.compile(r"^(before|after): reward (\S+), (\S+) m", re.MULTILINE)

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from recorded import column
 from rerun.chunk import RrdReader
-from test_recording import column
 from test_recording_parts import STEPS, busy, part
 
 from taichi_sim.visualisation.recording import live as live_module

@@ -1,9 +1,8 @@
 """What is packaged: every package of the tree and the shipped scenarios, so that an install works anywhere."""
 
 import tomllib
-from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+from folders import ROOT
 
 
 def test_every_package_is_listed():

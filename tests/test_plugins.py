@@ -2,11 +2,11 @@
 
 import shutil
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from folders import TESTS
 from refusal import assert_says
 
 from taichi_sim.bench import Bench, pack_state
@@ -17,7 +17,7 @@ from taichi_sim.state.memory import StateError
 from taichi_sim.vehicle import Vehicle
 from taichi_sim.world import World
 
-MODULE = Path(__file__).with_name("example_boat.py")
+MODULE = TESTS / "example_boat.py"
 NUMBERS = "mass = 100.0\ndrag = 50.0\nforce_max = 200.0\nsize = [4.0, 2.0, 1.0]\ncollision_radius = 2.2\n"
 SCENARIO = """
 name = "harbour"

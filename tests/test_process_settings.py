@@ -8,18 +8,17 @@ import pickle
 import subprocess
 import sys
 import threading
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from folders import ROOT
 
 import rl
 import taichi_sim as ts
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.runtime import ProgramError
 
-ROOT = Path(__file__).resolve().parents[1]
 SMALL = ("sea.realisations=2", "sea.components=4")
 
 

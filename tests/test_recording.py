@@ -4,13 +4,13 @@ import errno
 import shutil
 import subprocess
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
+from folders import ROOT, TESTS
 from numpy.typing import NDArray
-from recorded import assert_nothing_is_empty
+from recorded import AMPLITUDE_M, assert_nothing_is_empty, circling_team, column, elevation, make_episode
 from rerun.chunk import RrdReader
 
 from rl.evaluation.training_figures import judged, levels_of, training_figures
@@ -18,89 +18,9 @@ from rl.learn.progress import read_history, team_history
 from rl.mission import History
 from rl.missions.formation import figures
 from rl.missions.formation.figures import write_figures
-from taichi_sim.visualisation.recording import Episode, Event, Medium, Scene, TeamTrack
+from taichi_sim.visualisation.recording import Episode, TeamTrack
 from taichi_sim.visualisation.recording.rrd import write_recording
 from taichi_sim.visualisation.recording.sea_patch import OFF_CRESTS, SeaGrid
-
-RADIUS_M, AMPLITUDE_M, WAVENUMBER = 80.0, 0.4, 0.3
-ACTIONS = {"usv": ("thrust", "turn"), "uav": ("aileron", "elevator", "rudder", "throttle")}
-SIZES = {"usv": (2.0, 1.08, 0.5), "uav": (1.7, 2.9, 0.55)}
-MEDIA: dict[str, Medium] = {"usv": "water", "uav": "air"}
-HEIGHTS = {"usv": 0.0, "uav": 40.0}
-
-
-def elevation(north: NDArray, east: NDArray, time_s: float) -> NDArray:
-    return AMPLITUDE_M * np.cos(WAVENUMBER * north - 1.7 * time_s) + 0.0 * east
-
-
-def circling_team(name: str, vehicles: int, time: NDArray) -> TeamTrack:
-    """Vehicles on one circle, one behind the other, rolled by 0.1 rad."""
-    angle = 0.05 * time[:, None] - 0.1 * np.arange(vehicles)
-    down = np.full_like(angle, -HEIGHTS[name])
-    slot = np.stack([RADIUS_M * np.cos(angle), RADIUS_M * np.sin(angle), down], axis=-1)
-    position = slot + (0.5, -0.25, 0.125)
-    course = angle + 0.5 * np.pi
-    roll, half = 0.05, 0.5 * course
-    cos, sin = np.cos(roll), np.sin(roll)
-    quaternion = np.stack([np.cos(half) * cos, np.cos(half) * sin, np.sin(half) * sin, np.sin(half) * cos], axis=-1)
-    error = np.linalg.norm(position - slot, axis=-1)
-    names = ACTIONS[name]
-    return TeamTrack(
-        name=name,
-        medium=MEDIA[name],
-        position_n=position,
-        quaternion_nb=quaternion,
-        velocity_n=np.gradient(position, time, axis=0),
-        target_n=slot[:, 0],
-        target_course=np.arctan2(np.sin(course[:, 0]), np.cos(course[:, 0])),
-        slot_n=slot,
-        error_m=error,
-        reward=np.exp(-error),
-        action=np.ones((*angle.shape, len(names))),
-        action_names=names,
-        size_m=SIZES[name],
-        wave_height=np.stack([elevation(*position[step, :, :2].T, now) for step, now in enumerate(time)]),
-    )
-
-
-def make_episode(vehicles: int = 3, teams: Sequence[str] = ("usv", "uav"), steps: int = 40, dt: float = 0.1) -> Episode:
-    time = dt * np.arange(steps)
-    angle = np.linspace(0.0, 2.0 * np.pi, 100)
-    circle = RADIUS_M * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=-1)
-    scene = Scene(
-        area_m=300.0,
-        tracks_n={name: circle - (0.0, 0.0, HEIGHTS[name]) for name in teams},
-        checkpoints_n=circle[:88:4, :2],
-        obstacles=np.array([[60.0, 10.0, 3.0, 20.0], [-70.0, 40.0, 2.0, 8.0]]),
-    )
-    events = (
-        Event(0.5 * time[-1], teams[0], vehicles - 1, "collision", "obstacle 1"),
-        Event(0.2 * time[-1], teams[0], 0, "stall", "alpha 0.4 rad"),
-    )
-    tracks = {name: circling_team(name, vehicles, time) for name in teams}
-    return Episode("circle", time, tracks, elevation, scene, "# Run\n\nsea: one wave", events)
-
-
-def column(path: Path, entity: str, component: str) -> tuple[NDArray, NDArray, NDArray]:
-    """Times (ns), steps and values [rows, values of a row] of one component of one entity."""
-    times, steps, values = rows(path, entity, component)
-    return times, steps, np.array([np.ravel(row) for row in values])
-
-
-def rows(path: Path, entity: str, component: str) -> tuple[NDArray, NDArray, list]:
-    """Times (ns), steps and values of one component of one entity, row by row."""
-    batches = [
-        chunk.to_record_batch()
-        for chunk in RrdReader(path).stream().filter(content=entity, is_static=False)
-        if component in chunk.to_record_batch().schema.names
-    ]
-    times, steps, values = [], [], []
-    for batch in batches:
-        times += batch.column("sim_time").cast("int64").to_pylist()
-        steps += batch.column("step").to_pylist()
-        values += batch.column(component).to_pylist()
-    order = np.argsort(steps, kind="stable")
-    return np.array(times)[order], np.array(steps)[order], [values[row] for row in order]
 
 
 @pytest.fixture(scope="module")
@@ -231,13 +151,14 @@ def test_a_full_disk_is_an_oserror_that_says_so(room: int, tmp_path: Path) -> No
     path.write_bytes(b"old")
     code = f"""
 import pathlib, resource, sys
-sys.path.insert(0, {str(Path(__file__).parent)!r})
-import test_recording
+sys.path.insert(0, {str(TESTS)!r})
+from folders import ROOT, TESTS
+from recorded import make_episode
+from taichi_sim.visualisation.recording.rrd import write_recording
 resource.setrlimit(resource.RLIMIT_FSIZE, ({room}, {room}))
-test_recording.write_recording(test_recording.make_episode(steps=200), pathlib.Path({str(path)!r}))
+write_recording(make_episode(steps=200), pathlib.Path({str(path)!r}))
 """
-    root = Path(__file__).parent.parent
-    failed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=root, timeout=600)
+    failed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, timeout=600)
     assert failed.returncode == 1
     assert f"[Errno {errno.EFBIG}] recording not written" in failed.stderr
     assert path.read_bytes() == b"old"

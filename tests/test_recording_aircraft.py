@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
-from test_recording import column, elevation, make_episode, rows
+from recorded import column, elevation, make_episode, rows
 
 from rl.evaluation.episode_log import EVENTS
 from rl.evaluation.episode_recording import _stalls, record_episode

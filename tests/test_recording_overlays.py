@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from recorded import assert_nothing_is_empty, entities
+from recorded import assert_nothing_is_empty, column, entities, make_episode, rows
 from rerun.chunk import RrdReader
-from test_recording import column, make_episode, rows
 
 from taichi_sim.visualisation.recording import Episode
 from taichi_sim.visualisation.recording.overlays import (

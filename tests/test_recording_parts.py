@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import rerun as rr
+from recorded import make_episode
 from rerun.chunk import RrdReader
-from test_recording import make_episode
 
 from taichi_sim.visualisation.recording import Episode, Event, Force
 from taichi_sim.visualisation.recording.overlays import Ellipsoids, Lines, Plot

@@ -12,9 +12,9 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.reader import read_ros2_messages
 from numpy.typing import NDArray
+from recorded import make_episode
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability
-from test_recording import make_episode
 
 from rl.evaluation.episode_recording import output_of
 from rl.runs.folder import RunError

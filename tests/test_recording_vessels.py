@@ -9,7 +9,7 @@ import pytest
 import rerun as rr
 import torch
 from numpy.typing import NDArray
-from test_recording import column, elevation, make_episode, rows
+from recorded import column, elevation, make_episode, rows
 
 from rl.evaluation.episode_recording import events_of
 from rl.mission import Endings

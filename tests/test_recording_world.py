@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import rerun.blueprint as rrb
 import torch
-from recorded import assert_nothing_is_empty, entities, parts
-from test_recording import column, make_episode
+from recorded import assert_nothing_is_empty, column, entities, make_episode, parts
 
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 from taichi_sim.visualisation.recording import Recorder, TeamTrack

@@ -2,12 +2,13 @@
 
 import importlib
 import re
-from pathlib import Path
+
+from folders import ROOT
 
 import rl
 import taichi_sim as ts
 
-PAGES = Path(__file__).resolve().parents[1] / "docs" / "reference"
+PAGES = ROOT / "docs" / "reference"
 NAMED = [name for page in PAGES.glob("*.md") for name in re.findall(r"^::: (\S+)$", page.read_text("utf-8"), re.M)]
 OPTIONAL = ("rl.adapters.pettingzoo", "rl.adapters.sb3", "rl.adapters.skrl")  # need the extras marl, sb3, skrl
 

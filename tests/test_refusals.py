@@ -2,9 +2,9 @@
 
 import re
 from collections import Counter
-from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+from folders import ROOT
+
 RAISE = re.compile(r"^\s*raise\b", re.MULTILINE)
 MOST = {
     "rl": 24,

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.special import k0, k1
+from test_hydrodynamics_meshes import read, stl, twin
 
 from taichi_sim.applications.hydro import hull_input, resistance
 from taichi_sim.applications.hydro.resistance import HullForm, Race, Resistance
@@ -14,7 +15,6 @@ from taichi_sim.applications.hydro.wetted_surface import WettedSurface
 from taichi_sim.config import ConfigError
 from taichi_sim.models.catalogue import load_vehicle
 from taichi_sim.models.usv.hull.hull_6dof import Hull6Dof
-from tests.test_hydrodynamics_meshes import read, stl, twin
 
 RHO, G = 1025.0, 9.81
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import pytest
 import taichi as ti
 import torch
+from folders import ROOT, TESTS
 
 from taichi_sim.bench import Bench
 from taichi_sim.kernels import runtime
@@ -17,7 +18,7 @@ from taichi_sim.kernels.runtime import Launcher
 from taichi_sim.models.catalogue import load_vehicle
 
 HERE = Path(__file__).resolve().parent
-PATHS = os.environ | {"PYTHONPATH": f"{HERE.parent}{os.pathsep}{HERE}"}
+PATHS = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (ROOT, TESTS, HERE)))}
 array = ti.types.ndarray(ndim=1)
 Given = ti.types.argpack(a=array, b=array)
 Made = ti.types.argpack(c=array, d=array)

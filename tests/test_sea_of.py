@@ -1,9 +1,8 @@
 """tools/sea_of.py: a file's sea in words and systems, and what becomes of a vessel in it."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from folders import REFERENCE
 
 from taichi_sim.config import SeaConfig
 from taichi_sim.surroundings.sea.measured import records_of
@@ -11,9 +10,7 @@ from taichi_sim.surroundings.sea.measured.wave_record import WaveRecord, directi
 from taichi_sim.surroundings.sea.spectrum import jonswap, spreading
 from tools import sea_of
 
-ROOT = Path(__file__).parents[1]
-
-BUOY = ROOT / "tests" / "data" / "reference" / "buoys" / "41010.data_spec"
+BUOY = REFERENCE / "buoys" / "41010.data_spec"
 
 
 def two_systems():

@@ -13,8 +13,8 @@ import time
 import numpy as np
 import pytest
 import torch
+from recorded import column
 from sitl_peer import Clock, Copter, PacedPeer, Peer
-from test_recording import column
 
 from taichi_sim.applications.sitl.ardupilot import PacketError, Session, pack, parse
 from taichi_sim.applications.sitl.channels import Mixer, default_channels, read_channels

@@ -1,10 +1,9 @@
 """docs/tour.ipynb, executed as it stands."""
 
-from pathlib import Path
-
 import pytest
+from folders import ROOT
 
-NOTEBOOK = Path(__file__).resolve().parents[1] / "docs" / "tour.ipynb"
+NOTEBOOK = ROOT / "docs" / "tour.ipynb"
 
 
 @pytest.mark.slow

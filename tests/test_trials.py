@@ -4,10 +4,10 @@ import csv
 import json
 import math
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
+from folders import REFERENCE
 
 from taichi_sim.applications.commands import trials
 from taichi_sim.applications.trials import flight, ship
@@ -25,7 +25,6 @@ from taichi_sim.applications.trials.results import (
 from taichi_sim.models.catalogue import load_vehicle
 
 pytestmark = pytest.mark.usefixtures("f64")
-REFERENCE = Path(__file__).parent / "data" / "reference"
 CYBERSHIP = Setting("cybership2", {}, ahead=0.5, helm=0.2, speed=0.4)  # 1 N and 0.3 N m
 N_MAX = 103.93086427398005  # rad/s, of the Otter
 AS_PUBLISHED = {

@@ -1,10 +1,10 @@
 """What `tools/validate.py` reads from names and files of hulls, and its page."""
 
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
+from folders import REFERENCE
 
 from taichi_sim.kernels.conventions import GRAVITY, RHO_SEA
 from tests.validation import document, froude_krylov
@@ -12,10 +12,6 @@ from tests.validation.box import Box
 from tests.validation.otter_numbers import current, shaft_command
 from tests.validation.parameters import refined
 from tests.validation.report import validate
-
-ROOT = Path(__file__).parents[1]
-
-REFERENCE = ROOT / "tests" / "data" / "reference"
 
 
 @pytest.mark.parametrize(

@@ -2,11 +2,11 @@
 
 import json
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from folders import REFERENCE
 
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
 from tests.validation import mavsim, otter
@@ -17,9 +17,6 @@ from tests.validation.report import INPUTS, validate
 from tests.validation.shafts import shaft_commands
 from tests.validation.tables import Table, read_csv
 
-ROOT = Path(__file__).parents[1]
-
-REFERENCE = ROOT / "tests" / "data" / "reference"
 MAVSIM = "mavsim_solution_code_elevator_doublet_A_dt0.01.csv"
 WIND = np.array([4.0, -3.0, 0.0])  # m/s
 LAG = 0.1  # s

@@ -1,21 +1,18 @@
 """Pictures of the validation page about the aircraft and its air: they follow the tables, or say which is missing."""
 
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
+from folders import REFERENCE
 
 from tests.validation.case import Folder
 from tests.validation.plots import PICTURES, modes, trim, turbulence
 from tests.validation.plots.finer import finer
 from tests.validation.tables import Table, TableError, read_json
 
-ROOT = Path(__file__).parents[1]
-
-TABLE = ROOT / "tests" / "data" / "reference" / "aerosonde" / "trim_and_modes_Va25.json"
+TABLE = REFERENCE / "aerosonde" / "trim_and_modes_Va25.json"
 WITHOUT_TABLE = ("spectrum", "zigzag", "load_factor", "kernels", "convergence")
-
 
 pytestmark = pytest.mark.usefixtures("f64")
 

@@ -4,17 +4,14 @@ import json
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from folders import REFERENCE, ROOT
 
 from tests.validation.report import NothingToCheckError, validate
 from tests.validation.tables import read_csv
 from tools.validate import main
 
-ROOT = Path(__file__).parents[1]
-
-REFERENCE = ROOT / "tests" / "data" / "reference"
 DISPERSION = "dispersion_g9.81.csv"
 
 

@@ -2,19 +2,18 @@
 
 from collections.abc import Iterator
 from itertools import groupby
-from pathlib import Path
 
 import pytest
+from folders import REFERENCE
 
 from tests.validation import aerosonde, contact, multirotor, rao
 from tests.validation.case import Folder
 from tests.validation.report import Job, jobs
 
-REFERENCE = Path(__file__).parent / "data" / "reference"
 LONG = ("cybership2", "hydrostatics", "otter", "wamv")  # sections that compile a model each: among the slow tests only
-# Checkers that run long. tests/physics/test_contact.py has the legs, blocks and tips of contact's table.
+# Checkers that run long. test_contact.py has the legs, blocks and tips of contact's table.
 SLOW = (rao.rao, aerosonde.trajectory, multirotor.series, contact.closed_forms)
-INPUTS = {  # files without a check of their own: other tables or, of the turns, tests/physics/test_mmg.py read them
+INPUTS = {  # files without a check of their own: other tables or, of the turns, test_mmg.py read them
     "turn_35.csv", "turn_-20.csv",
     *(f"41010.{ending}" for ending in ("data_spec", "swdir", "swdir2", "swr1", "swr2")),
     "box_4x2x0.5_added_mass_damping.csv", "box_4x2x0.5_meta.json", "params_x500.json", "series_meta.json",

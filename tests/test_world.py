@@ -1,4 +1,3 @@
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +7,6 @@ from taichi_sim.config import ConfigError
 from taichi_sim.state.divergence_dump import load_dump
 from taichi_sim.world import ActionError, Script, World, replay
 
-ROOT = Path(__file__).resolve().parents[1]
 SMALL = ("sea.realisations=2", "sea.components=4", "usv.count=1", "uav.count=1")
 HARBOUR = """
 [sea]

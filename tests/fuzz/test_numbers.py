@@ -7,15 +7,15 @@ import random
 import re
 import warnings
 from fnmatch import fnmatch
-from pathlib import Path
 
 import pytest
+from folders import ROOT
 
 from taichi_sim.config.plausible import NumberWarning, leaves, scale_of
 from taichi_sim.models.catalogue import load_vehicle, shipped_vehicles, step_of
 from tests.fuzz.numbers import Slip, change, figures, slips, untold, write
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "extending.md"
+PAGE = ROOT / "docs" / "extending.md"
 SHARE = 0.1  # of all numbers and mistakes, by default
 HARMLESS = 0.1  # relative change of figures
 

@@ -6,18 +6,18 @@ away must stay finite, the others must not differ by a bit, and after a reset th
 
 import math
 import os
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from folders import PLUGINS
 from torch import Tensor
 
 from rl.mission import Mission, Step
 from rl.missions import load_scenario, make_mission
 from taichi_sim.state.snapshot import Entry, walk
 
-PLUGIN = Path(__file__).parents[1] / "data" / "plugins" / "buoys.toml"
+PLUGIN = PLUGINS / "buoys.toml"
 SMALL = ("track.worlds=8", "sea.realisations=4")
 SCENARIOS = {
     "lanes": SMALL,

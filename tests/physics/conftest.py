@@ -2,19 +2,17 @@
 tables."""
 
 import csv
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from folders import REFERENCE
 
 from taichi_sim.bench import Bench
 from taichi_sim.kernels.conventions import GRAVITY
 from taichi_sim.models.catalogue import load_vehicle
 from taichi_sim.surroundings.sea import Sea
 from taichi_sim.surroundings.sea.spectrum import Components
-
-REFERENCE = Path(__file__).parents[1] / "data" / "reference"
 
 
 def _single_wave(wavelength, amplitude, direction=0.0, phase=0.0, depth=None):

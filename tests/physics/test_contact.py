@@ -2,11 +2,11 @@
 
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from folders import PLUGINS
 from torch import Tensor
 
 from taichi_sim.config import WorldConfig
@@ -15,7 +15,7 @@ from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotat
 from taichi_sim.world import World
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("f64")]
-RAFT = Path(__file__).parents[1] / "data" / "plugins" / "raft.toml"
+RAFT = PLUGINS / "raft.toml"
 DECK, SOLES = 0.3, 0.2288691310180355  # m: height of the raft's deck; the x500's soles below its centre of gravity
 MASS, LEGS = 2.0643076923076915, 4  # kg
 VACUUM = {f"rotor.{key}": 0.0 for key in ("k_d", "k_z", "k_h", "k_flap", "J_r")} | {

@@ -1,11 +1,11 @@
 """Aircraft on hulls in waves: they ride without creeping, and what they remember is restored; who meets whom."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from folders import PLUGINS
 from torch import Tensor
 
 from taichi_sim.config import WorldConfig
@@ -16,7 +16,7 @@ from tests.probes import ground_ratios
 
 pytestmark = pytest.mark.slow
 
-RAFT = Path(__file__).parents[1] / "data" / "plugins" / "raft.toml"
+RAFT = PLUGINS / "raft.toml"
 SOLES = 0.2288691310180355  # m, the x500's below its centre of gravity
 COMPONENTS = 16  # of every sea here, and every aircraft's numbers are given: one kernel serves all
 GYRO = {"rotor.J_r": 0.0}

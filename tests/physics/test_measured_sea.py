@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from physics.conftest import REFERENCE
+from folders import REFERENCE
 
 from taichi_sim.config import ConfigError, SeaConfig
 from taichi_sim.errors import MissingExtraError

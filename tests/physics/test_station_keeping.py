@@ -1,14 +1,14 @@
 """The ship of docs/thrusters.md, as it stands there: it keeps its place and heading, even with a dead bow thruster."""
 
 import re
-from pathlib import Path
 
 import pytest
 import torch
+from folders import ROOT
 
 from taichi_sim.world import World
 
-PAGE = Path(__file__).parents[2] / "docs" / "thrusters.md"
+PAGE = ROOT / "docs" / "thrusters.md"
 BLOCK = re.compile(r"^```\w+ file=(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 ON, OFF, HURT = range(3)  # environments
 

@@ -2,10 +2,10 @@
 
 import math
 import warnings
-from pathlib import Path
 
 import pytest
 import torch
+from folders import PLUGINS
 from small_missions import begin, make, observed, state, still
 
 from rl.missions import load_scenario, make_mission
@@ -13,7 +13,7 @@ from rl.missions.formation.mission import Formation
 from taichi_sim.state.divergence import NotFiniteError
 from taichi_sim.state.snapshot import walk
 
-PLUGIN = Path(__file__).parents[1] / "data" / "plugins" / "buoys.toml"
+PLUGIN = PLUGINS / "buoys.toml"
 
 
 def not_finite(task) -> list[str]:

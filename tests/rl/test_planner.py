@@ -1,9 +1,8 @@
 """Planners: a fork predicts what will happen, plans pay off, and what cannot be planned is refused."""
 
-from pathlib import Path
-
 import pytest
 import torch
+from folders import PLUGINS
 
 from rl.learn.policy import ClassicalPolicy
 from rl.mission import ControllerError, VehicleActions
@@ -11,7 +10,7 @@ from rl.missions import load_scenario, make_mission
 from rl.planning.planner import HonestPlanner, PlanConfig, Planner
 from taichi_sim.config import ConfigError
 
-PLUGIN = Path(__file__).parents[1] / "data" / "plugins" / "buoys.toml"
+PLUGIN = PLUGINS / "buoys.toml"
 FEW = ("track.worlds=8", "sea.realisations=4")
 SHORT = PlanConfig(samples=16, rounds=2, horizon=2.0, every=1.9)
 

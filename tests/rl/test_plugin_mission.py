@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from command_line import onnx_session
+from folders import PLUGINS
 from refusal import assert_says
 
 from rl.adapters.gymnasium import TeamVectorEnv
@@ -21,7 +22,7 @@ from rl.runs import folder as run_folder
 from taichi_sim.config.io import config_folder
 from taichi_sim.world import World
 
-FILE = Path(__file__).parents[1] / "data" / "plugins" / "buoys.toml"
+FILE = PLUGINS / "buoys.toml"
 NORTH = 0
 
 

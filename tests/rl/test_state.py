@@ -3,12 +3,12 @@
 import dataclasses
 import io
 from collections import deque
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from everything import differences, everything
+from folders import PLUGINS
 
 from rl.learn.policy import ClassicalPolicy
 from rl.mission import Mission
@@ -18,7 +18,7 @@ from taichi_sim.state.memory import Remembers
 from taichi_sim.state.snapshot import StateError, Stateful
 from taichi_sim.world import World
 
-PLUGIN = Path(__file__).parents[1] / "data" / "plugins" / "buoys.toml"
+PLUGIN = PLUGINS / "buoys.toml"
 SMALL = ("track.worlds=8", "sea.realisations=4")
 SCENARIOS = {
     "lanes": SMALL,

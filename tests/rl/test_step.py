@@ -1,10 +1,10 @@
 """One decision of a mission: its phases in order, environments that begin anew in it, policies beside actions."""
 
 import math
-from pathlib import Path
 
 import pytest
 import torch
+from folders import PLUGINS
 from torch import Tensor
 
 from rl.learn.policy import ClassicalPolicy
@@ -13,7 +13,7 @@ from rl.missions import load_scenario, make_mission
 from rl.step import BEGINS, GOES_ON, NOT_DUE
 from taichi_sim.config.arguments import ActionError
 
-FILE = Path(__file__).parents[1] / "data" / "plugins" / "shadow.toml"
+FILE = PLUGINS / "shadow.toml"
 PHASES = ("move", "truth", "begin", "perceive", "exchange", "conclude")
 SHORT = ("episode_duration=1.0",)
 

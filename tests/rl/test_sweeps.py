@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from command_line import tiny_config, tiny_run
+from folders import PLUGINS
 
 from rl.evaluation import sweeps as sweeping
 from rl.evaluation.sweeps import cells, count_cells, find_sweep, load_sweep
@@ -131,7 +132,7 @@ def test_an_axis_may_be_the_variation_or_a_range(file):
 
 
 def test_what_a_scenario_has_not_is_no_mistake(file):
-    config = load_scenario(Path(__file__).parents[1] / "data" / "plugins" / "buoys.toml")
+    config = load_scenario(PLUGINS / "buoys.toml")
     for key, words in (("uav.count", "no team 'uav'"), ("obstacles.count", "mission 'buoys:Buoys' has no such key")):
         file.write_text(TWO_AXES.replace("*.count", key))
         found = list(cells(load_sweep(file), config, file))

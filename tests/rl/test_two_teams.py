@@ -1,14 +1,13 @@
 """A mission of somebody else's in which one team follows another (data/plugins/shadow.py)."""
 
-from pathlib import Path
-
 import pytest
 import torch
+from folders import PLUGINS
 
 from rl.mission import Mission, Team
 from rl.missions import load_scenario, make_mission
 
-FILE = Path(__file__).parents[1] / "data" / "plugins" / "shadow.toml"
+FILE = PLUGINS / "shadow.toml"
 
 
 def test_boats_follow_aircraft_and_both_are_measured_where_they_begin_anew():

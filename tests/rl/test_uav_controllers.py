@@ -1,11 +1,11 @@
 """The classical controller of aircraft: arcs against closed forms, and how aircraft find and keep their slots."""
 
 import math
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 import torch
+from folders import ROOT
 from torch import Tensor
 
 from rl.guidance.controllers.fixed_wing_6dof import FixedWing6DofController, FixedWing6DofGains, FlightCommand
@@ -15,7 +15,7 @@ from rl.missions import load_scenario
 from rl.missions.formation.mission import Formation
 from taichi_sim.models.uav.fixed_wing.fixed_wing_6dof import READINGS
 
-VEHICLES = Path(__file__).parents[2] / "configs" / "vehicles"
+VEHICLES = ROOT / "configs" / "vehicles"
 STEADY = (
     "sea.follows_wind=false", "sea.sea_state=0", "air.std=0", 'air.turbulence="none"', "obstacles.count=0",
     "track.worlds=4", "sea.realisations=1", "variation=0", "sensors.errors=0", "radio={}",

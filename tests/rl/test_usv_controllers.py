@@ -2,11 +2,11 @@
 
 import math
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from folders import ROOT
 from named_thrusters import write_hull
 from phases import due
 from torch import Tensor
@@ -30,7 +30,7 @@ from rl.missions import load_scenario
 from rl.missions.formation.mission import Formation
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 
-VEHICLES = Path(__file__).parents[2] / "configs" / "vehicles"
+VEHICLES = ROOT / "configs" / "vehicles"
 CALM = (
     "sea.sea_state=0", "sea.current.speed=0", "sea.current.std=0", "air.speed=0", "obstacles.count=0",
     "track.worlds=4", "sea.realisations=1", "variation=0", "sensors.errors=0", "radio={}",
