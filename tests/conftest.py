@@ -21,7 +21,8 @@ from taichi_sim.models import catalogue
 os.environ["TI_OPT_LEVEL"] = "0"
 
 
-APART = ("usv", "uav", "pilot")  # in tests/rl, by the second word of a file's name
+FOLDER = Path(__file__).parent
+APART = ("usv", "uav", "pilot")  # below tests/rl, by the second word of a file's name
 
 
 def _precision_of(item: pytest.Item) -> runtime.Precision:
@@ -35,7 +36,7 @@ def _precision_of(item: pytest.Item) -> runtime.Precision:
 def _group_of(item: pytest.Item) -> str:
     """The tests that a worker takes together."""
     subject = item.path.stem.split("_")[1]
-    if item.path.parent.name == "rl" and subject not in APART:
+    if FOLDER / "rl" in item.path.parents and subject not in APART:
         subject = "rl"
     return f"{subject}-{_precision_of(item)}"
 

@@ -9,7 +9,8 @@ from functools import cache
 from itertools import chain
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+from folders import ROOT
+
 SOURCES = ("taichi_sim", "rl", "tools", "tests")
 OURS = (*SOURCES, "docs", "configs")
 EXISTING = {path.relative_to(ROOT).as_posix() for folder in OURS for path in (ROOT / folder).rglob("*.*")}
@@ -18,6 +19,7 @@ FROM_ROOT = re.compile(rf"(?<![\w/.\-])(?:{'|'.join(OURS)})/[\w./\-]*\w\.(?:py|m
 MODULE = re.compile(rf"(?<![\w/.\-*}}])(?:\.\./)*(?:[\w\-]+/)*[\w\-]+\.py{END}")
 LINK = re.compile(r"\]\((?!https?:|#)([^)#\s]+)")
 EXAMPLES = {"my_boat.py", "mine.py"}  # of a reader's own
+FROZEN = {"tests/physics/test_otter_numbers.py"}  # in otter.toml, whose bytes are in tasks' digests
 WHOEVER = re.compile(r"(?:^|/|_)[A-Z]+(?:[./]|$)")  # NAME.py stands for any
 
 
@@ -84,4 +86,4 @@ def test_named_files_are_there():
     pages += [*(ROOT / "docs").rglob("*.md"), *(ROOT / "docs").glob("*.ipynb")]
     pages += (ROOT / "configs").rglob("*.toml")
     found = {path: missing_of_source(path) for path in sources} | {path: missing_of_page(path) for path in pages}
-    assert {str(path.relative_to(ROOT)): names for path, names in found.items() if names} == {}
+    assert {str(path.relative_to(ROOT)): names for path, names in found.items() if names - FROZEN} == {}

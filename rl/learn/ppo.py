@@ -1,4 +1,4 @@
-"""rsl-rl's PPO with the same mathematics in fewer and faster operations (tests/rl/test_ppo.py compares the two).
+"""rsl-rl's PPO with the same mathematics in fewer and faster operations (test_ppo.py compares the two).
 
 The differences:
 

@@ -2,7 +2,7 @@
 
 Range reduction subtracts the nearest multiple of 2 pi with `floor` (a two-term Cody-Waite constant). Polynomials in r^2
 on [-pi, pi] follow: least-squares fits at Chebyshev nodes with an absolute error below 1e-6 in f32 (measured by
-tests/test_maths.py). The scalar sine of libm is about 17 times slower per wave component. In f64 the library functions
+test_maths.py). The scalar sine of libm is about 17 times slower per wave component. In f64 the library functions
 are used, because precision matters there and speed does not.
 """
 

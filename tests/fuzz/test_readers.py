@@ -13,10 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from folders import REFERENCE
 from fuzz.mutate import mutations
-from physics import test_measured_files as seas
 from rosbags.rosbag2 import StoragePlugin
-from test_fit import _bag, _dataflash
 
 from taichi_sim.applications.fit.log import read_log
 from taichi_sim.applications.fit.synthetic_logs import write_logs
@@ -24,10 +23,12 @@ from taichi_sim.config import ConfigError, series
 from taichi_sim.config.series import read_series
 from taichi_sim.models.catalogue import load_vehicle
 from taichi_sim.surroundings.sea.measured import open_spectra
+from tests.taichi_sim.applications.fit.test_fit import _bag, _dataflash
+from tests.taichi_sim.surroundings.sea.measured import test_measured_files as seas
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("f64")]
 COUNT, LONGEST = 2000, 20  # files of each kind; s, for one of them
-BUOY = Path(__file__).parents[1] / "data" / "reference" / "buoys"
+BUOY = REFERENCE / "buoys"
 DATAFLASH = b"\xa3\x95"  # begin of a message: a log that ends before one is whole
 SERIES = "time,speed,direction_deg\n" + "".join(f"{600 * k},{6 + 0.1 * k:.1f},{90 + k}\n" for k in range(20))
 DATES = "time;north;east\n" + "".join(f"2024-05-01T00:{k:02}+02:00;{0.1 * k:.1f};-0,2\n" for k in range(20))

@@ -41,7 +41,7 @@ def gymnasium_accepts(env_id: str) -> None:
     env = gymnasium.make(env_id, overrides=short(env_id))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        check_env(env.unwrapped, skip_render_check=True)  # it opens a window: tests/rl/test_render.py draws
+        check_env(env.unwrapped, skip_render_check=True)  # it opens a window: test_render.py draws
     assert len(caught) == 2
     for warning in caught:
         assert "A Box observation space m" in str(warning.message)

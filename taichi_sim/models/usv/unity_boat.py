@@ -110,7 +110,7 @@ class UnityBoat(Vessel):
     horizontal displacement of the surface particle at the hull's centre. D is updated by one fixed-point step per
     physics step, from a linear prediction. The auxiliary state [env, vehicle, 4] is D (north, east, m) and its change
     in the last step. On the paper's sea, at speed, the mean height under the hull is within 5 % of hs of the exact
-    inverse (tests/physics/test_unity_boat.py). Four exact inverses would take four times as long, which a boat with a
+    inverse (test_unity_boat.py). Four exact inverses would take four times as long, which a boat with a
     guessed mass does not justify. The buoyancy of the corners rights the boat until it lies on its side, and it cannot
     be swamped. The current at the surface acts on it; the wind does not.
     """

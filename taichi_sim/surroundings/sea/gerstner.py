@@ -31,7 +31,7 @@ sum k a < 1.
 
 The pressure differs from Gerstner's exact one by second order in k a. Each component makes it higher by rho g k a^2 (1
 - exp k z')^2 / 2, because it counts from still water, and the mean of Gerstner's surface is lower (`Sea.mean_level`).
-For one wave of k a = 0.16 the difference is at most 0.6 % at any depth (tests/physics/test_waves.py).
+For one wave of k a = 0.16 the difference is at most 0.6 % at any depth (test_waves.py).
 
 The exponentials of -2k(depth + z') and -2k depth give deep and finite water one form without overflow; depth < 0 means
 deep water.

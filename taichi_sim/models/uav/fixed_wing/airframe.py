@@ -8,7 +8,7 @@ throttle). A step is by the classical Runge-Kutta method, in the frame of the ai
 
 Angles of the airflow and the blend of the stall call no libm in f32; in f64 they call the library. The arctangent is a
 polynomial in t^2 on [0, 1]: least-squares fit at Chebyshev nodes, error below 3e-7 of the value and of 1 rad
-(tests/physics/test_fixed_wing_loads.py measures it).
+(test_fixed_wing_loads.py measures it).
 
 `craft` is a FixedWingParams: the kernels read the parameters that never vary from it, and these are compiled in. `p` is
 a FixedWingNumbers, either compiled in or loaded for each environment.

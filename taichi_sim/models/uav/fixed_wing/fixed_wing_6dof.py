@@ -4,7 +4,7 @@ One kernel launch per control step loads each aircraft's state once, makes RK4 s
 state once. The autopilot runs at its own rate (uav/autopilot_rate.py). Deflections, at their mean, and the air's
 velocity (in
 n: local_air.py) are held over a substep. The substep is made in the frame of the air, so a steady wind is exact.
-Halving the substep removes three quarters of the error (tests/physics/test_order.py).
+Halving the substep removes three quarters of the error (test_order.py).
 
 Functions outside the class take the model as `m`, whose gains, limits and actions are compiled in.
 """

@@ -12,7 +12,7 @@ between commands,
 - yaw rate: k_r gives the Dutch roll the damping zeta.
 
 All gains go as 1 / V, which keeps the bandwidths of the loops. The trims are least squares, exact in cruise.
-tests/physics/test_autopilot.py computes the damping with all loops and servos together: the least of the shipped
+test_autopilot.py computes the damping with all loops and servos together: the least of the shipped
 Aerosonde's modes is 0.33.
 """
 
