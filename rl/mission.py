@@ -207,11 +207,7 @@ class Mission(Stateful, ABC, Generic[C, T]):
 
     @classmethod
     def kinds(cls, config: C) -> dict[str, Callable[..., T]]:
-        """The class of each team that no script commands: of its part in `Teams`, or else `Team`.
-
-        Raises:
-            ConfigError: for one in `Teams` that the scenario has not.
-        """
+        """The class of each team that no script commands: of its part in `Teams`, or else `Team`."""
         parts = {name: cls.part(config, name) for name in config.teams if name not in config.scripted}
         if cls.part.__func__ is not Mission.part.__func__:
             parts = {name: part for name, part in parts.items() if part in cls.Teams}

@@ -240,11 +240,7 @@ C = TypeVar("C", bound=Scenario)
 
 
 def at_stage(config: C, name: str) -> C:
-    """The scenario of stage `name`, with the changes of `stages.NAME.set`.
-
-    Raises:
-        ConfigError: naming the stage's key, value and what is allowed.
-    """
+    """The scenario of stage `name`, with the changes of `stages.NAME.set`."""
     changes = config.stages[name].set
     if not changes:
         return config

@@ -139,9 +139,6 @@ class Team(Remembers, Generic[M, S]):
     @classmethod
     def check_section(cls, config: Scenario, door: Door, acts: bool = True) -> None:
         """Refuse changes of terms and observations in a section of a scenario that was read; any, if no policy `acts`.
-
-        Raises:
-            ConfigError: naming file and key.
         """
         section = cast(S, config.teams[door.team])
         if not acts and (section.terms or section.observe):
@@ -273,11 +270,7 @@ class Team(Remembers, Generic[M, S]):
         return torch.zeros_like(self.fleet.state[..., 0])
 
     def _checked(self, what: str, value: object, expected: str, axes: int, *kinds: torch.dtype) -> None:
-        """Refuse what a team's class returns and is no tensor of all its vehicles, with `axes`, of one of `kinds`.
-
-        Raises:
-            TypeError: naming the class, `what`, and what is `expected`.
-        """
+        """Refuse what a team's class returns and is no tensor of all its vehicles, with `axes`, of one of `kinds`."""
         rows = (self.mission.num_envs, self.fleet.count)
         if isinstance(value, Tensor) and value.dim() == axes and value.shape[:2] == rows and (
             not kinds or value.dtype in kinds
@@ -290,11 +283,7 @@ class Team(Remembers, Generic[M, S]):
         )
 
     def check(self) -> None:
-        """Refuse terms and observations of the scenario's that do not fit, as episodes have just begun.
-
-        Raises:
-            ConfigError: naming file and key.
-        """
+        """Refuse terms and observations of the scenario's that do not fit, as episodes have just begun."""
         own = self.observe() if self.section.observe else {}
         check_names(tuple(own), self.section, self._door)
         for name, function in self.added.items():
@@ -375,11 +364,7 @@ class Team(Remembers, Generic[M, S]):
         return self.fleet.model.action_names
 
     def checked(self, given: Action) -> Tensor | VehicleActions:
-        """Actions as `taken` wants them: tensors in run precision, clipped to [-1, 1].
-
-        Raises:
-            ValueError: for a wrong shape, or an action that is not finite.
-        """
+        """Actions as `taken` wants them: tensors in run precision, clipped to [-1, 1]."""
         if isinstance(given, VehicleActions):
             return VehicleActions(self.mission.world.checked_action(self.name, given.values))
         rows = (self.mission.num_envs, self.fleet.count)
@@ -409,9 +394,6 @@ class Team(Remembers, Generic[M, S]):
         """Vehicle actions [env, vehicle, a] of the classical controller, corrected [env, vehicle, `plan_names`].
 
         The controller acts by `known`, default: this team as it is.
-
-        Raises:
-            ControllerError: if the team has no classical controller.
         """
         if self.controller is None:
             raise ControllerError(f"{self.name}: there is no classical controller whose actions a plan could correct")

@@ -73,11 +73,7 @@ class Door(NamedTuple):
         return ConfigError(f"{source_of(key, self.file, self.sources)}: {key}{why}")
 
     def function(self, key: str, name: object) -> Callable[..., Any]:
-        """The function `module:function` that a key names.
-
-        Raises:
-            ConfigError: if there is none.
-        """
+        """The function `module:function` that a key names."""
         try:
             found = load_class(str(name), None, self.beside)
         except ConfigError as error:
@@ -93,11 +89,7 @@ def meaning(function: Callable[..., object]) -> str:
 
 
 def paid_terms(declared: Mapping[str, Term], section: TeamSection, door: Door) -> dict[str, Paid]:
-    """The terms `declared` by a team's class with the changes of its section, and those that it adds.
-
-    Raises:
-        ConfigError: naming file and key.
-    """
+    """The terms `declared` by a team's class with the changes of its section, and those that it adds."""
     terms, given = dict(declared), {name: dict(keys) for name, keys in section.terms.items()}
     for name, keys in given.items():
         if "function" not in keys:
@@ -132,21 +124,13 @@ def _keys(name: str, term: Term) -> type[Strict]:
 
 
 def added_observations(section: TeamSection, door: Door) -> dict[str, Callable[..., Tensor]]:
-    """Functions of the observations that a section adds, by name.
-
-    Raises:
-        ConfigError: naming file and key.
-    """
+    """Functions of the observations that a section adds, by name."""
     given = {} if section.observe is None else section.observe.added
     return {name: door.function(f"observe.{name}", function) for name, function in given.items()}
 
 
 def check_names(shipped: Sequence[str], section: TeamSection, door: Door) -> None:
-    """Refuse observations to be left out that the class has not, and added ones of a name that it has.
-
-    Raises:
-        ConfigError: naming file and key.
-    """
+    """Refuse observations to be left out that the class has not, and added ones of a name that it has."""
     if section.observe is None:
         return
     without = section.observe.without

@@ -104,10 +104,6 @@ class Bench:
 
         A SeaConfig includes its current, an AirConfig its wind; both may vary slowly or follow a series, the current
         also a tide. They are stepped as in a World (world.py), from time 0 on. A `Sea` has no current.
-
-        Raises:
-            ConfigError: for a vehicle that cannot be used, a series that cannot be read, or a current whose profile
-                needs a depth.
         """
         run = runtime.current()
         envs, count = whole_number(envs, "envs", 1), whole_number(count, "count", 1)

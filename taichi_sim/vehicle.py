@@ -242,9 +242,6 @@ class Vehicle:
 
         Returns:
             [n, 13] float64: velocity in n, quaternion's rate, accelerations in b.
-
-        Raises:
-            ValueError: for a wrong shape.
         """
         run, rows = runtime.current(), np.atleast_2d(np.asarray(state, dtype=np.float64))
         sizes = (STATE_SIZE, len(self.control_names), 2, 3, 6)
@@ -331,11 +328,7 @@ class Vehicle:
         return {**data, **changes}
 
     def with_numbers(self, values: Mapping[str, float]) -> Any:
-        """`Params` of the vehicle file with other `values`, by keys of `varying`.
-
-        Raises:
-            ValueError: for a key that does not vary, or a value that the file could not hold.
-        """
+        """`Params` of the vehicle file with other `values`, by keys of `varying`."""
         data = self.params.model_dump()
         for key, value in values.items():
             self.check_varies(key)
@@ -349,11 +342,7 @@ class Vehicle:
         return type(self.params).model_validate(self.following(self.params.model_dump(), data))
 
     def check_varies(self, key: str) -> None:
-        """Refuse a key that cannot vary; the message names the nearest one that can.
-
-        Raises:
-            ConfigError: for such a key.
-        """
+        """Refuse a key that cannot vary; the message names the nearest one that can."""
         if key not in self.varying:
             raise ConfigError(
                 f"{type(self).__name__}: {key!r} cannot vary{meant(key, self.varying)}; allowed are "

@@ -117,10 +117,6 @@ class World(Stateful):
             seed: seed of the seas; default: config.seed.
             teams: teams to simulate; default: all.
             source: file beside which vehicle files are searched.
-
-        Raises:
-            ConfigError: for a vehicle that cannot be used.
-            ValueError: for an unknown team, a wrong number or seed, or more environments than memory can hold.
         """
         run = runtime.current()
         self.num_envs = num_envs = whole_number(num_envs, "num_envs", 1)
@@ -291,19 +287,11 @@ class World(Stateful):
         self._pass_time()
 
     def checked(self, actions: Mapping[str, ArrayLike | torch.Tensor] | None) -> dict[str, torch.Tensor]:
-        """Actions that `step` would take, clipped, in run precision; nothing moves.
-
-        Raises:
-            ValueError: if `step` would refuse them.
-        """
+        """Actions that `step` would take, clipped, in run precision; nothing moves."""
         return {name: self.checked_action(name, action) for name, action in self.by_team(actions).items()}
 
     def by_team(self, actions: Mapping[str, A] | None) -> Mapping[str, A]:
-        """`actions`, if there is an entry for each team without a script and none for a team that does not exist.
-
-        Raises:
-            ValueError: if not.
-        """
+        """`actions`, which need an entry for each team without a script, and none for a team that does not exist."""
         given = {} if actions is None else actions
         if not isinstance(given, Mapping):
             raise ActionError(f"actions are a {type(given).__name__}, expected is a dictionary by team")

@@ -98,11 +98,6 @@ class BatchedEnv:
             overrides: KEY=VALUE each.
             seed: of the worlds; default the scenario's.
             autoreset: described above.
-
-        Raises:
-            ValueError: if an argument is wrong.
-            ConfigError, ControllerError, RunError, CheckpointError: if a file cannot be used, or a team has no
-                controller.
         """
         num_envs = whole_number(num_envs, "num_envs", 1)
         seed = None if seed is None else whole_number(seed, "seed")
@@ -211,11 +206,7 @@ class BatchedEnv:
 def _parts(
     config: Scenario, teams: str | Sequence[str] | None, others: Mapping[str, str | Path] | str | Path
 ) -> tuple[list[str], Mapping[str, str | Path]]:
-    """The acting teams in the order of the scenario, and the policies of the others.
-
-    Raises:
-        ValueError: if a team does not exist, is scripted or is named twice, or if no team acts.
-    """
+    """The acting teams in the order of the scenario, and the policies of the others."""
     allowed = [name for name in config.teams if name not in config.scripted]
     if isinstance(others, str | Path):
         named = allowed if teams is None else [teams] if isinstance(teams, str) else teams
@@ -240,14 +231,7 @@ def _parts(
 
 
 def policy_of_other(other: str | Path, team: Team, config: Scenario) -> Policy:
-    """The policy of a simulated `team` that does not learn, by its name in OTHERS (any but "absent").
-
-    Raises:
-        ValueError: if `other` is not in OTHERS, or its policy is for another vehicle.
-        ControllerError: if the vehicle has no classical controller.
-        RunError: if the run folder has no policy of this team.
-        CheckpointError: if a file cannot be used, or its policy has other observations.
-    """
+    """The policy of a simulated `team` that does not learn, by its name in OTHERS (any but "absent")."""
     if other == "constant":
         return lambda team: VehicleActions(torch.zeros_like(team.action))
     if other == "classical":
@@ -316,9 +300,6 @@ class Agents:
         """Convert actions by agent [env, a], tensors or arrays, to actions by team [env, vehicle, a].
 
         Those of an environment `alone` are [a].
-
-        Raises:
-            ValueError: if an agent is missing or unknown, or an action has a wrong shape.
         """
         if not isinstance(actions, Mapping):
             raise ActionError(f"actions are a {type(actions).__name__}, expected is a dictionary by agent")

@@ -93,10 +93,6 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             render_size: width and height of each picture, px. Default: 640x480 for one environment, smaller for more.
             max_episode_steps: refused, what `gymnasium.make_vec` was given: the scenario's `episode_duration` ends
                 episodes.
-
-        Raises:
-            ValueError: if an argument is wrong.
-            ConfigError, RunError, CheckpointError: if a file cannot be used.
         """
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self._env = BatchedEnv(

@@ -51,9 +51,6 @@ class ParallelMission(ParallelEnv[str, np.ndarray, np.ndarray]):
             name: name of the scenario.
             render_mode: None, "rgb_array" or "human".
             render_size: width and height of the picture, px.
-
-        Raises:
-            ValueError: if the render mode or the size is not allowed.
         """
         self._env, self._vehicles = env, Agents(env)
         self.render_mode = render_mode
@@ -158,10 +155,6 @@ def parallel_env(
         seed: of the worlds; default the scenario's.
         render_mode: None, "rgb_array" (`render` returns a picture), or "human" (a window).
         render_size: width and height of the picture, px; default 640x480.
-
-    Raises:
-        ValueError: if the render mode or the size is not allowed.
-        ConfigError, ControllerError, RunError, CheckpointError: as for `BatchedEnv`.
     """
     env = BatchedEnv(scenario, 1, teams=teams, others=others, overrides=overrides, seed=seed, autoreset=False)
     return ParallelMission(env, find_config(scenario).stem, render_mode, render_size)

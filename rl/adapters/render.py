@@ -46,9 +46,6 @@ class Pictures:
             task: the mission.
             size: width and height of each environment's picture, px; the default depends on the number of environments.
             mode: "rgb_array", "human" for a window, or None: nothing is drawn.
-
-        Raises:
-            ValueError: if the mode is unknown, the size is not allowed, or "human" finds no display.
         """
         if mode not in (None, *MODES):
             raise ValueError(f"render_mode = {mode!r}: allowed are None, {', '.join(map(repr, MODES))}")
@@ -146,11 +143,7 @@ class _Window:
     """A window of matplotlib."""
 
     def __init__(self) -> None:
-        """Check that a window can be opened; `show` opens it.
-
-        Raises:
-            ValueError: if there is no display or no toolkit for windows.
-        """
+        """Check that a window can be opened; `show` opens it."""
         import matplotlib
         from matplotlib import pyplot  # chooses a backend by what there is
 

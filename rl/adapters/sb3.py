@@ -28,12 +28,7 @@ class TeamVecEnv(VecEnv):
     """
 
     def __init__(self, envs: VectorEnv):
-        """Adapt `envs`, made by `gymnasium.make_vec("taichi_sim/...")` or `TeamVectorEnv(...)`.
-
-        Raises:
-            ValueError: if `envs` is another environment, or has Gymnasium's wrappers, or its autoreset mode is not
-                "SameStep".
-        """
+        """Adapt `envs`, made by `gymnasium.make_vec("taichi_sim/...")` or `TeamVectorEnv(...)`."""
         self.envs = envs.unwrapped
         mode = getattr(self.envs, "autoreset_mode", AutoresetMode.SAME_STEP)
         refuse(
@@ -48,11 +43,7 @@ class TeamVecEnv(VecEnv):
         self._return, self._length = np.zeros(self.num_envs), np.zeros(self.num_envs, dtype=np.int64)
 
     def reset(self) -> np.ndarray:
-        """Begin a new episode in every environment and put the infos into `reset_infos`.
-
-        Raises:
-            ValueError: for options that were set: there are none.
-        """
+        """Begin a new episode in every environment and put the infos into `reset_infos`."""
         if given := sorted({key for options in self._options for key in options}):
             self._reset_options()
             raise ValueError(f"reset options {given} are unknown: there are none")

@@ -27,11 +27,7 @@ class SkrlEnv(MultiAgentEnvWrapper):
     """
 
     def __init__(self, env: BatchedEnv):
-        """Adapt `env`.
-
-        Raises:
-            ValueError: if `env` has no autoreset, which skrl's trainers need.
-        """
+        """Adapt `env`."""
         if not env.autoreset:
             raise ValueError("autoreset = False: skrl's trainers need environments that reset by themselves")
         self._vehicles = Agents(env)

@@ -129,11 +129,7 @@ def export_conditions(file: Path, conditions: Conditions, episodes: Mapping[str,
 
 
 def export_recording(file: Path, recording: Path) -> Path:
-    """Write the table of a recording (.rrd) to `file`, and that of its episodes' conditions beside it.
-
-    Raises:
-        RunError: if it is no whole recording of this package, or holds no table.
-    """
+    """Write the table of a recording (.rrd) to `file`, and that of its episodes' conditions beside it."""
     episodes = read_recording(recording)
     found = dict.fromkeys(name for episode in episodes for of in episode.vehicles for name in of.columns)
     with exported(file) as export:

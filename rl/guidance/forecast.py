@@ -31,11 +31,7 @@ class Autoregression(Remembers):
     """
 
     def __init__(self, like: Tensor, order: int, forgetting: float = FORGETTING, prior: float = PRIOR):
-        """Make models of signals of the shape of `like` [...].
-
-        Raises:
-            ValueError: for an order below 1.
-        """
+        """Make models of signals of the shape of `like` [...]."""
         if order < 1:
             raise ValueError(f"order = {order}: must be at least 1")
         self.order, self._forgetting, self._prior = order, forgetting, prior

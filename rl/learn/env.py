@@ -77,9 +77,6 @@ class MissionEnv(VecEnv):
         """Adapt `mission` for the learning `team`, with rewards times `scale`.
 
         `frozen` holds a policy of each other team; None for the team in whose environment `team` learns beside it.
-
-        Raises:
-            ValueError: if a team has no policy.
         """
         self.mission, self.team, self.scale = mission, team, scale
         self.frozen = dict(frozen or {})

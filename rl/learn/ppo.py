@@ -72,11 +72,7 @@ class Perceptron:
     """Forward and backward passes of an MLP; weights and gradients stay in rsl-rl's model."""
 
     def __init__(self, model: MLPModel):
-        """Take the layers of `model`.
-
-        Raises:
-            TypeError: if it has other layers than linear ones with ELU, ReLU or tanh between, or normalises its input.
-        """
+        """Take the layers of `model`."""
         layers = list(model.mlp)
         self.layers = [layer for layer in layers[::2] if isinstance(layer, nn.Linear)]
         between = {type(layer) for layer in layers[1::2]}

@@ -139,12 +139,7 @@ class _Commanded:
 
 @contextlib.contextmanager
 def ros_node(origin: Origin = FJORD, speed: float = 1.0) -> Iterator[RosNode]:
-    """A node of this process.
-
-    Raises:
-        RunError: without rclpy.
-        BagError: without the packages of messages, or for an origin that is no place.
-    """
+    """A node of this process."""
     check_messages("--ros", origin)
     with named(f"--ros needs a sourced ROS 2, or pip install {WHEELS}: ", RunError, ImportError):
         rclpy = import_module("rclpy")

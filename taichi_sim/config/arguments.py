@@ -43,11 +43,7 @@ def whole_number(given: object, name: str, least: int = 0) -> int:
 
 
 def names(given: object, what: str) -> tuple[str, ...]:
-    """Names, as of teams.
-
-    Raises:
-        ValueError: if they are no list of strings; one string is none.
-    """
+    """Names, as of teams; one string is none."""
     if isinstance(given, str) or not isinstance(given, Iterable):
         raise ValueError(f"{what} = {given!r}: a list of names is expected, [{given!r}]")
     return tuple(map(str, given))

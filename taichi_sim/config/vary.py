@@ -79,11 +79,7 @@ class Range(Strict):
         return next(way for way in WAYS if getattr(self, way) is not None)
 
     def ends(self, nominal: float, variation: float = 1.0) -> tuple[float, float]:
-        """Lowest and highest value for a `nominal` value.
-
-        Raises:
-            ValueError: for a factor of a nominal value of zero, which changes nothing.
-        """
+        """Lowest and highest value for a `nominal` value."""
         pair = getattr(self, self.way)
         if self.way == "factor" and nominal == 0.0:
             raise ValueError(f"factor = {list(pair)} changes nothing, for the nominal value is 0: use add or range")

@@ -122,9 +122,6 @@ def init(arch: str = "cpu", precision: Precision = "f32", threads: int = 0) -> R
         arch: "cpu" or "cuda".
         precision: "f32" for simulation, "f64" for validation against reference tables.
         threads: CPU threads for kernels; 0 means one per available core.
-
-    Raises:
-        ValueError: for an unknown architecture or precision, or a wrong number of threads.
     """
     global _current, _generation, _void
     if arch not in ("cpu", "cuda"):

@@ -276,9 +276,6 @@ def restored(found: _Walk) -> None:
 def transfer(source: object, target: object) -> None:
     """Copy the state of part `source` of one mission into `target`, a part of the same kind and size of another
     mission.
-
-    Raises:
-        StateError: if their entries differ.
     """
     given, write = entries(source), _Writer()
     there = {entry.path: entry for entry in entries(target)}
@@ -338,11 +335,7 @@ def _size(source: _Walk) -> float:
 
 
 def check_memory(each: float, total: int) -> None:
-    """Refuse `total` environments with `each` bytes of state that do not fit into memory.
-
-    Raises:
-        StateError: saying how much memory they would take.
-    """
+    """Refuse `total` environments with `each` bytes of state that do not fit into memory."""
     need, free = WORKING_SHARE * each * total, _free_memory()
     if need > free:
         raise StateError(
@@ -369,11 +362,7 @@ class Stateful(Remembers):
     """Keys of copies that draw noise of their own; forks share those of their source."""
 
     def __reduce_ex__(self, protocol: object) -> NoReturn:
-        """Refuse to be copied by `copy` or written by `pickle`: kernels and packs are of this process alone.
-
-        Raises:
-            TypeError: naming what copies and saves.
-        """
+        """Refuse to be copied by `copy` or written by `pickle`: kernels and packs are of this process alone."""
         kind = type(self).__name__
         raise TypeError(
             f"a {kind} cannot be copied by `copy` or `pickle`: fork(envs) makes a {kind} of copies of its environments "
@@ -412,11 +401,7 @@ class Stateful(Remembers):
 
     @runtime.torch_at_rest()
     def keep(self, envs: Envs) -> Archive:
-        """Copy what environments `envs` [n] remember, row by row, for `put`.
-
-        Raises:
-            StateError: for environments that do not exist.
-        """
+        """Copy what environments `envs` [n] remember, row by row, for `put`."""
         rows, values, whole = _envs(envs, self.num_envs, "envs", twice=True), {}, {}
         for entry in walk(self).entries:
             value = entry.value
@@ -461,11 +446,7 @@ class Stateful(Remembers):
 
     @runtime.torch_at_rest()
     def copy(self, source_envs: Envs, target_envs: Envs, *, noise: NoiseOf = "shared") -> None:
-        """Make environments `target_envs` [n] equal to `source_envs` [n]; see `NoiseOf`.
-
-        Raises:
-            StateError: for environments that do not exist, a target that is named twice, or another number of targets.
-        """
+        """Make environments `target_envs` [n] equal to `source_envs` [n]; see `NoiseOf`."""
         source = _envs(source_envs, self.num_envs, "source_envs", twice=True)
         target = _envs(target_envs, self.num_envs, "target_envs")
         told = f"{len(source)} source_envs for {len(target)} target_envs"

@@ -48,11 +48,7 @@ class Simulator(ABC):
     """
 
     def __init__(self, model: Vehicle, path: Path | None):
-        """Prepare for a team of `model`; `path` is the --path of the command.
-
-        Raises:
-            ConfigError: if the simulator is missing, or has no such vehicle.
-        """
+        """Prepare for a team of `model`; `path` is the --path of the command."""
         self.model = model
 
     @abstractmethod

@@ -66,11 +66,7 @@ class Wire:
     """An open connection."""
 
     def __init__(self, address: Address):
-        """Open it.
-
-        Raises:
-            ConfigError: if that fails.
-        """
+        """Open it."""
         self.address, self._peer, self._heard = address, None, 0.0
         udp = address.kind == "udp"
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM if udp else socket.SOCK_STREAM)

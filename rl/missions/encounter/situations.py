@@ -68,9 +68,6 @@ def direction(course: Tensor) -> Tensor:
 def from_table(config: EncounterScenario, cases: Tensor, tops: Tensor, generator: torch.Generator) -> Situation:
     """Situations `cases` [n] of the table, of bodies with top speeds `tops` [n, 1 + body] (m/s), the first own ship's
     first; the own course is off by up to `course_deg`.
-
-    Raises:
-        ConfigError: if a ship is too slow.
     """
     part, table, n, bodies = config.encounter, cases_of(config), len(cases), tops.shape[1] - 1
     draw = torch.rand((n, 2), generator=generator, dtype=torch.float64)
@@ -103,9 +100,6 @@ def drawn(
         ship's
             first. own: further own ships among the bodies, which come first; they go at their planned speed.
         current: [n, 2], m/s, which ships of traffic do not compensate. generator: of the draws.
-
-    Raises:
-        ConfigError: if ships find no room.
     """
     part, bodies = config.encounter, sizes.shape[1] - 1
     sizes, tops, current = sizes.double().cpu(), tops.double().cpu(), current.double().cpu()

@@ -308,11 +308,7 @@ class Sea:
         return sea
 
     def check(self, env_sea: torch.Tensor) -> None:
-        """Refuse numbers [n] of realisations that do not exist.
-
-        Raises:
-            IndexError: naming one of them.
-        """
+        """Refuse numbers [n] of realisations that do not exist."""
         if env_sea.numel():
             least, most = map(int, env_sea.aminmax())
             if least < 0 or most >= self.num_seas:

@@ -123,9 +123,6 @@ class Picture:
 
         `view` is "auto", or one view alone: "overview", "map", or a team's name. Several pictures of one mission share
         the bodies in `cast`. A `part` of a larger picture has no map in its corner, and larger letters.
-
-        Raises:
-            ValueError: if the size or the view cannot be drawn.
         """
         check_picture(size, view, moment.teams)
         self.size, self._part = size, part
@@ -376,11 +373,7 @@ class Beside:
     """
 
     def __init__(self, moments: Mapping[str, Moment], size: tuple[int, int], view: str = "auto") -> None:
-        """Arrange the pictures in one of `size` (width, height, px); see Picture.
-
-        Raises:
-            ValueError: if the size or the view cannot be drawn.
-        """
+        """Arrange the pictures in one of `size` (width, height, px); see Picture."""
         first, self.size = next(iter(moments.values())), size
         several = len(moments) > 1
         rows = ["overview"] if first.scene.overview else list(first.teams)

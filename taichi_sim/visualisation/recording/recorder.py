@@ -54,11 +54,7 @@ class Recorder:
     """
 
     def __init__(self, world: World, env: int = 0, after: float = 0.0) -> None:
-        """Begin a recording whose clock shows `after` (s) now.
-
-        Raises:
-            ValueError: if there is no such environment.
-        """
+        """Begin a recording whose clock shows `after` (s) now."""
         if not 0 <= env < world.num_envs:
             raise ValueError(f"environment {env}: there are {world.num_envs}")
         self.world, self.env = world, env

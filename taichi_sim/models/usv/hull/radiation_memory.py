@@ -45,11 +45,7 @@ class Memory:
     """
 
     def __init__(self, frequency: ArrayLike, damping: ArrayLike, shape: ArrayLike):
-        """Take the numbers.
-
-        Raises:
-            ValueError: if the dampers would create energy.
-        """
+        """Take the numbers."""
         self.frequency = np.asarray(frequency, dtype=np.float64)
         self.damping = np.asarray(damping, dtype=np.float64).reshape(len(self.frequency), len(self.frequency))
         self.shape = np.asarray(shape, dtype=np.float64).reshape(len(self.frequency), 6)

@@ -129,11 +129,7 @@ class Messages:
     """The messages of an episode, frame by frame."""
 
     def __init__(self, episode: Episode, origin: Origin, build: Builder):
-        """Take `episode`, whose world has its origin at `origin`.
-
-        Raises:
-            ValueError: if two topics would have the same name.
-        """
+        """Take `episode`, whose world has its origin at `origin`."""
         self.build, self.stamps = build, stamps_ns(episode.time_s)
         self.teams = [_Team(team, episode, origin, build) for team in episode.teams.values()]
         names = [topic.name for topic in self.topics]
