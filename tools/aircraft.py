@@ -153,9 +153,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--airspeed", type=float, help="airspeed for the modes, m/s (default: cruise)")
     p.add_argument("--climb", type=float, default=0.0, metavar="DEG", help="angle of climb of the trims")
     p.add_argument("--radius", type=float, metavar="M", help="radius of the turn, positive to the right")
-    p.add_argument(
-        "--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE", help="override SECTION.KEY"
-    )
+    p.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE",
+                   help="override SECTION.KEY")  # fmt: skip
     p.add_argument("--out", type=picture, metavar="FILE", help=f"draw the diagram here ({', '.join(PICTURES)})")
     return p
 

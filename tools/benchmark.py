@@ -66,17 +66,12 @@ def parser() -> argparse.ArgumentParser:
         help="tiny cases without the high-fidelity scenarios, to see that it runs; figures mean nothing",
     )
     p.add_argument("--quiet", action="store_true", help="no progress bars")
-    p.add_argument(
-        "--against", type=Path, metavar="CHECKOUT", help="measure another checkout in alternation, and print ratios"
-    )
+    p.add_argument("--against", type=Path, metavar="CHECKOUT",
+                   help="measure another checkout in alternation, and print ratios")  # fmt: skip
     p.add_argument("--peers", action="store_true", help="compare with the simulators that are installed, alone")
     p.add_argument("--only", nargs="+", choices=GROUPS, default=GROUPS, help="groups to compare (default: all)")
-    p.add_argument(
-        "--repetitions",
-        type=positive_int,
-        default=REPETITIONS,
-        help="repetitions of --against (default: %(default)s)",
-    )
+    p.add_argument("--repetitions", type=positive_int, default=REPETITIONS,
+                   help="repetitions of --against (default: %(default)s)")  # fmt: skip
     p.set_defaults(arch="cpu")
     return p
 

@@ -79,12 +79,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="run folders of rl/train.py --config escort")
     p.add_argument("--alone", nargs="*", type=Path, default=[], metavar="RUN", help="runs trained without messages")
     p.add_argument("--seed", type=seed, default=None, help="seed of the held-out episodes (default: the scenario's)")
-    p.add_argument(
-        "--episodes",
-        type=positive_int,
-        default=None,
-        help="episodes of each condition (default: the scenario's)",
-    )
+    p.add_argument("--episodes", type=positive_int, default=None,
+                   help="episodes of each condition (default: the scenario's)")  # fmt: skip
     p.add_argument("--only", default="", metavar="WORDS", help="only conditions whose name contains these words")
     shared.add_common(p)
     return p

@@ -314,13 +314,11 @@ def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     parser = parser_of(__doc__)
     parser.add_argument("scenario", nargs="?", default="paper", help="a scenario's TOML, or a shipped name [paper]")
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE", help="override a key, such as sea.hs=1; repeatable"
-    )
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
+                        help="override a key, such as sea.hs=1; repeatable")  # fmt: skip
     parser.add_argument("--seed", type=seed, help="of the realisations, >= 0 [the scenario's]")
-    parser.add_argument(
-        "--out", type=picture, default=Path("sea.png"), help="file to write: png, pdf, svg, jpg [sea.png]"
-    )
+    parser.add_argument("--out", type=picture, default=Path("sea.png"),
+                        help="file to write: png, pdf, svg, jpg [sea.png]")  # fmt: skip
     arguments = parser.parse_args(argv)
     world = load_world(arguments.scenario, arguments.set)
     runtime.init()

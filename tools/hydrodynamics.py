@@ -53,29 +53,16 @@ def parser() -> argparse.ArgumentParser:
     mesh.add_argument("--waterline", type=float, default=0.0, metavar="Z", help="height of the water in the mesh, m")
     mesh.add_argument("--midships", type=float, metavar="X", help="x of the vehicle's origin in the mesh, m")
     mesh.add_argument("--mass", type=positive_float, metavar="KG", help="mass (default: the displacement of the mesh)")
-    mesh.add_argument(
-        "--cg",
-        type=float,
-        nargs=3,
-        metavar=("X", "Y", "Z"),
-        help="centre of gravity, m, forward, starboard, down from CO",
-    )
-    mesh.add_argument(
-        "--gyration",
-        type=positive_float,
-        nargs=3,
-        metavar=("KX", "KY", "KZ"),
-        help="radii of gyration, m, about the CG",
-    )
-    mesh.add_argument(
-        "--freeboard", type=positive_float, metavar="M", help="depth of the new vehicle (default: draught)"
-    )
-    mesh.add_argument(
-        "--stations", type=ranged(int, 2, 100), default=24, metavar="N", help="of its offsets (default: 24)"
-    )
-    mesh.add_argument(
-        "--points", type=ranged(int, 2, 24), default=3, metavar="N", help="of each, keel to waterline (default: 3)"
-    )
+    mesh.add_argument("--cg", type=float, nargs=3, metavar=("X", "Y", "Z"),
+                      help="centre of gravity, m, forward, starboard, down from CO")  # fmt: skip
+    mesh.add_argument("--gyration", type=positive_float, nargs=3, metavar=("KX", "KY", "KZ"),
+                      help="radii of gyration, m, about the CG")  # fmt: skip
+    mesh.add_argument("--freeboard", type=positive_float, metavar="M",
+                      help="depth of the new vehicle (default: draught)")  # fmt: skip
+    mesh.add_argument("--stations", type=ranged(int, 2, 100), default=24, metavar="N",
+                      help="of its offsets (default: 24)")  # fmt: skip
+    mesh.add_argument("--points", type=ranged(int, 2, 24), default=3, metavar="N",
+                      help="of each, keel to waterline (default: 3)")  # fmt: skip
     drive = p.add_argument_group("what a mesh does not tell, for the new vehicle")
     drive.add_argument(
         "--thruster",
@@ -86,52 +73,33 @@ def parser() -> argparse.ArgumentParser:
         metavar=("X", "Y", "Z", "N"),
         help="place, m, forward, starboard, down from CO, and largest thrust, N; once for each",
     )
-    drive.add_argument(
-        "--propeller",
-        type=ranged(float, 0.0, 20.0),
-        metavar="D",
-        help="diameter, m; 0: thrust does not fall with speed",
-    )
+    drive.add_argument("--propeller", type=ranged(float, 0.0, 20.0), metavar="D",
+                       help="diameter, m; 0: thrust does not fall with speed")  # fmt: skip
     drive.add_argument("--azimuth", action="store_true", help="thrusters turn all round")
-    drive.add_argument(
-        "--windage",
-        type=positive_float,
-        nargs=3,
-        metavar=("AHEAD", "SIDE", "HEIGHT"),
-        help="areas, m^2, and the height of their centre, m",
-    )
+    drive.add_argument("--windage", type=positive_float, nargs=3, metavar=("AHEAD", "SIDE", "HEIGHT"),
+                       help="areas, m^2, and the height of their centre, m")  # fmt: skip
     what = p.add_argument_group("what is computed")
     what.add_argument("--depth", type=positive_float, default=np.inf, metavar="M", help="of the water (default: deep)")
     what.add_argument("--rho", type=positive_float, default=RHO_SEA, metavar="KG/M3", help=f"default: {RHO_SEA:g}")
-    what.add_argument(
-        "--frequencies", type=positive_int, metavar="N", help="how many (default: 50; 90 to 150 of twin hulls)"
-    )
+    what.add_argument("--frequencies", type=positive_int, metavar="N",
+                      help="how many (default: 50; 90 to 150 of twin hulls)")  # fmt: skip
     what.add_argument("--range", type=positive_float, nargs=2, metavar=("LO", "HI"), help="of frequencies, rad/s")
     what.add_argument("--also", type=positive_float, nargs="+", default=(), metavar="W", help="more of them, rad/s")
-    what.add_argument(
-        "--heading-step", type=ranged(float, 1.0, 90.0), metavar="DEG", help="default: 15; less of long hulls"
-    )
-    what.add_argument(
-        "--panels",
-        type=ranged(int, 0, 50_000),
-        default=1200,
-        metavar="N",
-        help="of a half or quarter (1200; 0: as given)",
-    )
-    what.add_argument(
-        "--divisions", type=ranged(int, 0, 100), default=0, metavar="N", help="instead: even parts of a panel each way"
-    )
-    what.add_argument(
-        "--gap-damping", type=ranged(float, 0.0, 10.0), metavar="E", help="of water between hulls (0.03; 0 none)"
-    )
+    what.add_argument("--heading-step", type=ranged(float, 1.0, 90.0), metavar="DEG",
+                      help="default: 15; less of long hulls")  # fmt: skip
+    what.add_argument("--panels", type=ranged(int, 0, 50_000), default=1200, metavar="N",
+                      help="of a half or quarter (1200; 0: as given)")  # fmt: skip
+    what.add_argument("--divisions", type=ranged(int, 0, 100), default=0, metavar="N",
+                      help="instead: even parts of a panel each way")  # fmt: skip
+    what.add_argument("--gap-damping", type=ranged(float, 0.0, 10.0), metavar="E",
+                      help="of water between hulls (0.03; 0 none)")  # fmt: skip
     what.add_argument("--method", choices=("direct", "sources"), default="direct", help="default: direct")
     what.add_argument("--no-lid", action="store_true", help="leave irregular frequencies in")
     what.add_argument("--energy", type=positive_float, default=ENERGY, metavar="E", help="share that a memory may miss")
     p.add_argument("--only-vehicle", action="store_true", help="no database: the vehicle file alone, for calm water")
     p.add_argument("--refit", action="store_true", help="fit the memory of the database that is there once more")
-    p.add_argument(
-        "--jobs", type=positive_int, default=os.cpu_count() or 1, metavar="N", help="processes (default: all cores)"
-    )
+    p.add_argument("--jobs", type=positive_int, default=os.cpu_count() or 1, metavar="N",
+                   help="processes (default: all cores)")  # fmt: skip
     p.add_argument("--quiet", action="store_true", help="no progress bar")
     return p
 

@@ -23,9 +23,8 @@ def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     parser = argparse.ArgumentParser(description="Repeat the last step of a diverged environment from its dump.")
     parser.add_argument("dump", type=Path, help="a file of runs/NAME/dumps")
-    parser.add_argument(
-        "--precision", choices=("f32", "f64"), default="f32", help="f64 shows whether rounding was the cause"
-    )
+    parser.add_argument("--precision", choices=("f32", "f64"), default="f32",
+                        help="f64 shows whether rounding was the cause")  # fmt: skip
     arguments = parser.parse_args(argv)
     dump = load_dump(arguments.dump)
     runtime.init(precision=arguments.precision)

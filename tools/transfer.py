@@ -75,9 +75,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--team", default=None, help="team that is moved there (default: the first that was trained)")
     p.add_argument("--simulator", default="python_vehicle_simulator", metavar="NAME",
                    help=f"{', '.join(SIMULATORS)}, or module:Class of your own (default: %(default)s)")  # fmt: skip
-    p.add_argument(
-        "--path", type=Path, default=None, metavar="DIR", help="folder of the simulator, if it is not installed"
-    )
+    p.add_argument("--path", type=Path, default=None, metavar="DIR",
+                   help="folder of the simulator, if it is not installed")  # fmt: skip
     p.add_argument("--controller", choices=("policy", "classical"), action="append", default=None,
                    help="may be given twice (default: both; of a scenario: classical)")  # fmt: skip
     p.add_argument("--episodes", type=positive_int, default=EPISODES, help=f"default: {EPISODES}; at most 256")

@@ -2,17 +2,12 @@
 
 import argparse
 import json
-import sys
-from pathlib import Path
 
-if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
-    sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+from rl.commands import shared
 
 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
-    from rl.commands import shared
-
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("what", metavar="TASK|SCENARIO", help="a task (taichi-sim score --help), or a scenario")
     p.add_argument("--json", action="store_true", help="print JSON")
@@ -23,7 +18,6 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
-    from rl.commands import shared
     from rl.evaluation.benchmark import read_tasks
     from rl.evaluation.episodes import mission_class
     from rl.learn.policy_interface import interface_of, told
@@ -41,9 +35,3 @@ def main(argv: list[str] | None = None) -> None:
         print(json.dumps(found, indent=2))
     else:
         print("\n\n".join(told(team, interface) for team, interface in found.items()))
-
-
-if __name__ == "__main__":
-    from rl.commands.shared import script
-
-    script(main)

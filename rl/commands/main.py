@@ -10,6 +10,7 @@ from pathlib import Path
 from rl.commands.shared import run
 from rl.commands.tools_folder import bundle
 
+APPLICATIONS = "taichi_sim.applications.commands"
 SCRIPTS = {  # name -> module, further arguments, description
     "train": ("rl.train", (), "train the teams of a scenario, evaluate, record, report"),
     "evaluate": ("rl.commands.evaluate", (), "judge a run's policies on unseen episodes"),
@@ -27,26 +28,10 @@ SCRIPTS = {  # name -> module, further arguments, description
     "draw-sea": ("tools.draw_sea", (), "a picture of a scenario's sea"),
     "sea-of": ("tools.sea_of", (), "the seas in a file of measured spectra, and which vessels survive them"),
     "aircraft": ("tools.aircraft", (), "trim, modes and V-n diagram, or control loops, of an aircraft"),
-    "trials": (
-        "taichi_sim.applications.commands.trials",
-        (),
-        "standard trials of a vessel (turning circle, zigzag) or an aircraft",
-    ),
-    "step": (
-        "taichi_sim.applications.commands.step_error",
-        (),
-        "the physics step that a vehicle needs, by the error of its motion",
-    ),
-    "fit": (
-        "taichi_sim.applications.commands.fit",
-        (),
-        "numbers of a vehicle file from logs of a vessel's motion, with intervals",
-    ),
-    "sitl": (
-        "rl.commands.sitl",
-        (),
-        "be the physics of ArduPilot's SITL (JSON interface) or PX4's (MAVLink)",
-    ),
+    "trials": (f"{APPLICATIONS}.trials", (), "standard trials of a vessel (turning circle, zigzag) or an aircraft"),
+    "step": (f"{APPLICATIONS}.step_error", (), "the physics step that a vehicle needs, by the error of its motion"),
+    "fit": (f"{APPLICATIONS}.fit", (), "numbers of a vehicle file from logs of a vessel's motion, with intervals"),
+    "sitl": ("rl.commands.sitl", (), "be the physics of ArduPilot's SITL (JSON interface) or PX4's (MAVLink)"),
     "hydrodynamics": ("tools.hydrodynamics", (), "a hull's added mass, damping and wave loads from its mesh"),
 }
 STARTERS = {

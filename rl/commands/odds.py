@@ -26,20 +26,10 @@ def parser() -> argparse.ArgumentParser:
     shared.add_run(p, CONTROLLERS)
     p.add_argument("--of", default="collided", metavar="ENDING", help="ending of a vehicle (default: %(default)s)")
     p.add_argument("--team", default=None, metavar="TEAM", help="team whose ending it is (default: each in turn)")
-    p.add_argument(
-        "--relative",
-        type=positive_float,
-        default=0.2,
-        metavar="X",
-        help="standard error that is wanted, over the probability (default: %(default)s)",
-    )
-    p.add_argument(
-        "--effort",
-        type=positive_int,
-        default=512,
-        metavar="N",
-        help="paths at each level (default: %(default)s)",
-    )
+    p.add_argument("--relative", type=positive_float, default=0.2, metavar="X",
+                   help="standard error that is wanted, over the probability (default: %(default)s)")  # fmt: skip
+    p.add_argument("--effort", type=positive_int, default=512, metavar="N",
+                   help="paths at each level (default: %(default)s)")  # fmt: skip
     p.add_argument("--direct", action="store_true", help="no levels: episodes from beginning to end")
     p.add_argument("--again", type=Path, default=None, metavar="FILE", help="record the failure that --json FILE names")
     p.add_argument("--out", default=None, metavar="FILE.rrd", help="record the likeliest failure for rerun")

@@ -17,26 +17,18 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
+from rl.commands import shared
 from taichi_sim.errors import refuse
 from taichi_sim.options import parser_of, positive_float, seed
 
 SLOWEST = 0.01  # of real time; a slower simulation is looked at as often as this one
 
-if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
-    sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command's arguments."""
-    from rl.commands import shared
-
     p = parser_of(__doc__)
-    p.add_argument(
-        "policy",
-        type=Path,
-        metavar="RUN",
-        help="run folder of rl/train.py, or a scenario whose policies come with the package",
-    )
+    p.add_argument("policy", type=Path, metavar="RUN",
+                   help="run folder of rl/train.py, or a scenario whose policies come with the package")  # fmt: skip
     p.add_argument("--team", default=None, help="team whose policy acts (default: the only one there is)")
     p.add_argument(
         "--connect",
@@ -64,25 +56,13 @@ def parser() -> argparse.ArgumentParser:
         help="stop the motors of a copter once it rests on its deck (default: hold it down until somebody does)",
     )
     p.add_argument("--guided", action="store_true", help="ask for GUIDED (default: wait until somebody else has)")
-    p.add_argument(
-        "--origin",
-        type=float,
-        nargs=2,
-        default=None,
-        metavar=("LAT", "LON"),
-        help="where the course begins, degrees (default: at the first vehicle)",
-    )
-    p.add_argument(
-        "--heading",
-        type=float,
-        default=None,
-        metavar="DEG",
-        help="its direction there (default: the first vehicle's heading)",
-    )
+    p.add_argument("--origin", type=float, nargs=2, default=None, metavar=("LAT", "LON"),
+                   help="where the course begins, degrees (default: at the first vehicle)")  # fmt: skip
+    p.add_argument("--heading", type=float, default=None, metavar="DEG",
+                   help="its direction there (default: the first vehicle's heading)")  # fmt: skip
     p.add_argument("--seed", type=seed, default=None, help="seed of the course (default: the scenario's)")
-    p.add_argument(
-        "--duration", type=positive_float, default=None, metavar="S", help="end after this time (default: never)"
-    )
+    p.add_argument("--duration", type=positive_float, default=None, metavar="S",
+                   help="end after this time (default: never)")  # fmt: skip
     shared.add_common(p)
     return p
 
@@ -92,7 +72,6 @@ def policy_of(args: argparse.Namespace):
 
     The one place that knows where policies come from.
     """
-    from rl.commands import shared
     from rl.learn.policy import CheckpointError, load_policy
     from rl.learn.policy_sources import shipped_policies
 
@@ -240,9 +219,3 @@ def fly(pilot, wires, clock, ends: float, beside=()) -> None:
                 told = True
                 pilot.tell(f"{lead.name} is simulated, at {clock.pace:.2f} of real time: time is kept by its clock")
             wait = pilot.tick(now) / max(clock.pace, SLOWEST)
-
-
-if __name__ == "__main__":
-    from rl.commands.shared import script
-
-    script(main)

@@ -2,15 +2,12 @@
 
 import argparse
 import shlex
-import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from rl.commands import shared
 from taichi_sim.options import port, positive_float, refuse_unwritable
-
-if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
-    sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 
 def title(controller: str) -> str:
@@ -20,8 +17,6 @@ def title(controller: str) -> str:
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command's arguments."""
-    from rl.commands import shared
-
     p = argparse.ArgumentParser(description=__doc__)
     shared.add_run(p)
     shared.add_shown(p)
@@ -42,17 +37,12 @@ def parser() -> argparse.ArgumentParser:
     )
     other = p.add_mutually_exclusive_group()
     for name, text in (("beside", "on the left"), ("ghost", "as pale vehicles in the same scene")):
-        other.add_argument(
-            f"--{name}",
-            choices=shared.CONTROLLERS,
-            default=None,
-            help=f"show the same episode with this controller {text}",
-        )
+        other.add_argument(f"--{name}", choices=shared.CONTROLLERS, default=None,
+                           help=f"show the same episode with this controller {text}")  # fmt: skip
     shared.add_film(p)
     p.add_argument("--live", action="store_true", help="show the episode in a rerun viewer while it is simulated")
-    p.add_argument(
-        "--ros", action="store_true", help="be a node of ROS 2: the topics of a bag in real time, and commands in"
-    )
+    p.add_argument("--ros", action="store_true",
+                   help="be a node of ROS 2: the topics of a bag in real time, and commands in")  # fmt: skip
     p.add_argument(
         "--web",
         type=port,
@@ -62,29 +52,18 @@ def parser() -> argparse.ArgumentParser:
         metavar="PORT",
         help="then serve the recording to browsers on this machine until Ctrl-C (default port: 9090)",
     )
-    p.add_argument(
-        "--speed", type=positive_float, default=1.0, help="speed of --live or --ros relative to real time (default: 1)"
-    )
-    p.add_argument(
-        "--port",
-        type=port,
-        default=9876,
-        help="port of --live, and of the data of --web (default: %(default)s)",
-    )
-    p.add_argument(
-        "--duration",
-        type=positive_float,
-        default=None,
-        metavar="S",
-        help="duration, s (default: the scenario's episode)",
-    )
+    p.add_argument("--speed", type=positive_float, default=1.0,
+                   help="speed of --live or --ros relative to real time (default: 1)")  # fmt: skip
+    p.add_argument("--port", type=port, default=9876,
+                   help="port of --live, and of the data of --web (default: %(default)s)")  # fmt: skip
+    p.add_argument("--duration", type=positive_float, default=None, metavar="S",
+                   help="duration, s (default: the scenario's episode)")  # fmt: skip
     return p
 
 
 def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
-    from rl.commands import shared
     from rl.evaluation.episode_recording import output_of, record_episode
     from rl.evaluation.store import recording_name
     from rl.runs.folder import RunError
@@ -142,9 +121,3 @@ def main(argv: list[str] | None = None) -> None:
         server, url = serve_web(path, args.port, args.web)
         print(f"web: {url} (Ctrl-C ends)", flush=True)
         server.wait()
-
-
-if __name__ == "__main__":
-    from rl.commands.shared import script
-
-    script(main)

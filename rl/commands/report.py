@@ -1,13 +1,9 @@
 """Write a run, or two runs side by side, as one HTML page."""
 
 import argparse
-import sys
 from pathlib import Path
 
 from taichi_sim.options import output
-
-if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
-    sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 
 def parser() -> argparse.ArgumentParser:
@@ -26,9 +22,3 @@ def main(argv: list[str] | None = None) -> None:
     from rl.evaluation.report import write_report
 
     print(write_report([args.run, args.other] if args.other else [args.run], args.out))
-
-
-if __name__ == "__main__":
-    from rl.commands.shared import script
-
-    script(main)

@@ -1,14 +1,11 @@
 """Score a policy in a task of the benchmark: 0 is the classical controller, 100 the oracle (docs/benchmark.md)."""
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
+from rl.commands import shared
 from taichi_sim.options import output, positive_int
-
-if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
-    sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 
 def parser() -> argparse.ArgumentParser:
@@ -42,7 +39,6 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
-    from rl.commands import shared
     from rl.evaluation import benchmark
     from rl.learn.policy_sources import policies_from
     from rl.planning.planner import HonestPlanner
@@ -77,9 +73,3 @@ def hashes(policies: dict[str, Any]) -> dict[str, str]:
 
     files = {team: Path(getattr(policy, "source", "")) for team, policy in policies.items()}
     return {team: hashed(file) for team, file in files.items() if file.is_file()}
-
-
-if __name__ == "__main__":
-    from rl.commands.shared import script
-
-    script(main)

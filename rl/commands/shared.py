@@ -15,20 +15,10 @@ CONTROLLERS = ("policy", "untrained", "classical", "plan", "oracle", "honest")  
 
 def add_common(parser: argparse.ArgumentParser) -> None:
     """Add --set, --threads, --arch and --quiet."""
-    parser.add_argument(
-        "--set",
-        dest="overrides",
-        metavar="KEY=VALUE",
-        action="append",
-        default=[],
-        help="override a key of the scenario, for example --set usv.count=5; repeatable",
-    )
-    parser.add_argument(
-        "--threads",
-        type=positive_int,
-        default=0,
-        help="CPU threads of each process (default: all cores, shared among processes)",
-    )
+    parser.add_argument("--set", dest="overrides", metavar="KEY=VALUE", action="append", default=[],
+                        help="override a key of the scenario, for example --set usv.count=5; repeatable")  # fmt: skip
+    parser.add_argument("--threads", type=positive_int, default=0,
+                        help="CPU threads of each process (default: all cores, shared among processes)")  # fmt: skip
     parser.add_argument("--arch", choices=("cpu", "cuda"), default="cpu", help="where kernels run (default: cpu)")
     parser.add_argument("--quiet", action="store_true", help="no progress bars")
 
@@ -90,12 +80,8 @@ def tell_replaced(config, overrides: list[str]) -> None:
 
 def add_run(parser: argparse.ArgumentParser, controllers: Sequence[str] = CONTROLLERS) -> None:
     """Add the arguments of commands on policies: RUN, --policy, --controller, --seed, --config, and the common ones."""
-    parser.add_argument(
-        "run",
-        type=Path,
-        metavar="RUN",
-        help="run folder of rl/train.py, or a scenario (file, or a shipped one's name)",
-    )
+    parser.add_argument("run", type=Path, metavar="RUN",
+                        help="run folder of rl/train.py, or a scenario (file, or a shipped one's name)")  # fmt: skip
     parser.add_argument(
         "--policy",
         action="append",
@@ -104,15 +90,10 @@ def add_run(parser: argparse.ArgumentParser, controllers: Sequence[str] = CONTRO
         help="a run's folder, pretrained, FILE.onnx or module:function; repeatable; teams without one act by their "
         "classical controller (default: the run's own policies; for a scenario, pretrained: those of the package)",
     )
-    parser.add_argument(
-        "--controller",
-        choices=controllers,
-        default="policy",
-        help="controller of the vehicles (default: policy; docs/planning.md)",
-    )
-    parser.add_argument(
-        "--seed", type=seed, default=None, help="seed of the held-out episodes (default: the scenario's)"
-    )
+    parser.add_argument("--controller", choices=controllers, default="policy",
+                        help="controller of the vehicles (default: policy; docs/planning.md)")  # fmt: skip
+    parser.add_argument("--seed", type=seed, default=None,
+                        help="seed of the held-out episodes (default: the scenario's)")  # fmt: skip
     parser.add_argument("--config", type=Path, default=None, help="run the policies in another scenario")
     add_common(parser)
 

@@ -15,14 +15,10 @@ import argparse
 import sys
 import time
 from contextlib import ExitStack, closing
-from pathlib import Path
 
+from rl.commands import shared
 from taichi_sim.errors import refuse
 from taichi_sim.options import address, output, parser_of, port, positive_float, seed
-
-if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
-    sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
 
 AUTOPILOT = "--autopilot"
 PRINT_EVERY = 5.0  # s between lines of progress
@@ -33,8 +29,6 @@ FIRST_PART = 3.0  # s of its first one, which sets its layout
 
 def parser() -> argparse.ArgumentParser:
     """The parser of the arguments of a world."""
-    from rl.commands import shared
-
     p = parser_of(__doc__, "taichi-sim sitl")
     p.add_argument("config", metavar="SCENARIO", help="a file, or the name of a shipped scenario")
     p.add_argument(AUTOPILOT, nargs="*", action="extend", default=[], metavar="TEAM.N=PORT",
@@ -74,7 +68,6 @@ def main(argv: list[str] | None = None) -> None:
 
 def serve(args: argparse.Namespace) -> None:
     """Let the world go on until Ctrl-C, or for --duration; then write the recording."""
-    from rl.commands import shared
     from rl.evaluation.episode_recording import EpisodeReel, events_of, output_of
     from rl.missions import load_scenario
     from rl.runs.autopilots import decks_for, others, read_autopilots, shared_mission
@@ -181,9 +174,3 @@ def teller_of(args: argparse.Namespace, mission):
 def tell(text: str) -> None:
     """Print a line at once."""
     print(text, flush=True)
-
-
-if __name__ == "__main__":
-    from rl.commands.shared import script
-
-    script(main)

@@ -5,18 +5,13 @@ The numbers are those of [TEAM.control] in a scenario; the controllers in rl/gui
 
 import argparse
 import sys
-from pathlib import Path
 
+from rl.commands import shared
 from taichi_sim.options import output, positive_int, refuse_unwritable, seed
-
-if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
-    sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
-    from rl.commands import shared
-
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("config", metavar="SCENARIO", help="a file, or the name of a shipped scenario")
     p.add_argument("--team", required=True, help="team whose controller is tuned")
@@ -37,7 +32,6 @@ def main(argv: list[str] | None = None) -> None:
     args = parser().parse_args(argv)
     import tomli_w
 
-    from rl.commands import shared
     from rl.evaluation.episodes import mission_class
     from rl.missions import load_scenario
     from rl.runs.tune import summary, tune, write_numbers, write_scenario
@@ -70,9 +64,3 @@ def main(argv: list[str] | None = None) -> None:
         write_numbers(source, args.team, tuned.numbers, f"found by taichi-sim tune: {runs}")
     if args.out:
         write_scenario(args.out, config, source, args.team, tuned.numbers)
-
-
-if __name__ == "__main__":
-    from rl.commands.shared import script
-
-    script(main)

@@ -321,14 +321,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--out", type=output, metavar="FILE", help="write the vehicle file with the fitted numbers here")
     p.add_argument("--report", type=output, metavar="FILE", help="write numbers, tracks, residuals as a page of HTML")
     p.add_argument("--synthetic", type=output_folder, metavar="DIR", help="make logs of the vehicle instead")
-    p.add_argument(
-        "--factor",
-        action="append",
-        type=share,
-        default=[],
-        metavar="KEY=X",
-        help="factor of a number in these logs",
-    )
+    p.add_argument("--factor", action="append", type=share, default=[], metavar="KEY=X",
+                   help="factor of a number in these logs")  # fmt: skip
     p.add_argument("--count", type=ranged(int, 1, 1000), default=10, help="number of synthetic logs [10]")
     p.add_argument("--seed", type=seed, default=0, help="seed of synthetic logs [0]")
     return p

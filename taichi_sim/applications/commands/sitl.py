@@ -230,25 +230,13 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--protocol", choices=tuple(PORTS), default="ardupilot",
                    help="ardupilot: its JSON interface; px4: its HIL by MAVLink [ardupilot]")  # fmt: skip
     p.add_argument("--port", type=port, help="UDP port of ArduPilot [9002], TCP port of PX4 [4560]")
-    p.add_argument(
-        "--address", type=address, default="127.0.0.1", help="address to listen on [127.0.0.1: this machine only]"
-    )
-    p.add_argument(
-        "--instances",
-        type=ranged(int, 1, 64),
-        default=1,
-        metavar="N",
-        help="number of vehicles, on ports 10 apart, or 1 with PX4 [1]",
-    )
+    p.add_argument("--address", type=address, default="127.0.0.1",
+                   help="address to listen on [127.0.0.1: this machine only]")  # fmt: skip
+    p.add_argument("--instances", type=ranged(int, 1, 64), default=1, metavar="N",
+                   help="number of vehicles, on ports 10 apart, or 1 with PX4 [1]")  # fmt: skip
     p.add_argument("--channels", default="", metavar="NAME=N,...", help="servo channels; -N reverses one")
-    p.add_argument(
-        "--pwm",
-        type=float,
-        nargs=2,
-        default=PWM,
-        metavar=("LOW", "HIGH"),
-        help="pulse widths, microseconds [1000 2000]",
-    )
+    p.add_argument("--pwm", type=float, nargs=2, default=PWM, metavar=("LOW", "HIGH"),
+                   help="pulse widths, microseconds [1000 2000]")  # fmt: skip
     p.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE",
                    help="override KEY or SECTION.KEY of the vehicle file; several times")  # fmt: skip
     p.add_argument("--sea", metavar="KEY=VALUE,...", help="keys of [sea], for example hs=0.5,tp=4 [calm]")
@@ -262,16 +250,10 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--record", type=output, metavar="FILE.rrd",
                    help="for rerun, 10 frames a second; written at the end and at restarts")  # fmt: skip
     p.add_argument("--live", action="store_true", help="show it (the first instance) in a rerun viewer as it moves")
-    p.add_argument(
-        "--live-port", type=port, default=9876, metavar="PORT", help="port of the view, on this machine [9876]"
-    )
-    p.add_argument(
-        "--duration",
-        type=ranged(float, 0.0, 1e6),
-        default=0.0,
-        metavar="S",
-        help="end after this much simulated time [never]",
-    )
+    p.add_argument("--live-port", type=port, default=9876, metavar="PORT",
+                   help="port of the view, on this machine [9876]")  # fmt: skip
+    p.add_argument("--duration", type=ranged(float, 0.0, 1e6), default=0.0, metavar="S",
+                   help="end after this much simulated time [never]")  # fmt: skip
     p.add_argument("--quiet", action="store_true", help="print no progress")
     return p
 

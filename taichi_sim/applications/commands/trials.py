@@ -228,55 +228,25 @@ def parser() -> argparse.ArgumentParser:
                    help="override KEY or SECTION.KEY of the vehicle file; several times")  # fmt: skip
     p.add_argument("--quiet", action="store_true", help="print no progress")
     v = p.add_argument_group("vessels")
-    v.add_argument(
-        "--ahead",
-        type=ranged(float, 0.01, 1.0),
-        default=1.0,
-        metavar="SHARE",
-        help="share of full thrust or revolutions [1]",
-    )
-    v.add_argument(
-        "--helm",
-        type=ranged(float, 0.01, 1.0),
-        default=1.0,
-        metavar="SHARE",
-        help="share of full helm in turning circles [1]",
-    )
-    v.add_argument(
-        "--speed",
-        type=ranged(float, 0.01, 50.0),
-        metavar="V",
-        help="speed of the approach, held as by a carriage, m/s [its own]",
-    )
-    v.add_argument(
-        "--scale",
-        type=ranged(float, 1.0, 1000.0),
-        default=1.0,
-        metavar="N",
-        help="scale 1 : N of the model, for IMO's limits [1]",
-    )
-    v.add_argument(
-        "--sea", metavar="KEY=VALUE,...", help="keys of [sea], for example hs=0.5,tp=4,direction_deg=90 [calm]"
-    )
+    v.add_argument("--ahead", type=ranged(float, 0.01, 1.0), default=1.0, metavar="SHARE",
+                   help="share of full thrust or revolutions [1]")  # fmt: skip
+    v.add_argument("--helm", type=ranged(float, 0.01, 1.0), default=1.0, metavar="SHARE",
+                   help="share of full helm in turning circles [1]")  # fmt: skip
+    v.add_argument("--speed", type=ranged(float, 0.01, 50.0), metavar="V",
+                   help="speed of the approach, held as by a carriage, m/s [its own]")  # fmt: skip
+    v.add_argument("--scale", type=ranged(float, 1.0, 1000.0), default=1.0, metavar="N",
+                   help="scale 1 : N of the model, for IMO's limits [1]")  # fmt: skip
+    v.add_argument("--sea", metavar="KEY=VALUE,...",
+                   help="keys of [sea], for example hs=0.5,tp=4,direction_deg=90 [calm]")  # fmt: skip
     v.add_argument("--wind", type=float, nargs=2, metavar=("SPEED", "FROM"), help="m/s at 10 m, deg [none]")
     v.add_argument("--current", type=float, nargs=2, metavar=("SPEED", "TO"), help="m/s, deg [none]")
-    v.add_argument(
-        "--heading",
-        type=float,
-        default=0.0,
-        metavar="DEG",
-        help="heading of the approach, for wind, waves and current [0]",
-    )
-    v.add_argument(
-        "--runs", type=positive_int, default=1, metavar="N", help="realisations of the sea, side by side [1]"
-    )
+    v.add_argument("--heading", type=float, default=0.0, metavar="DEG",
+                   help="heading of the approach, for wind, waves and current [0]")  # fmt: skip
+    v.add_argument("--runs", type=positive_int, default=1, metavar="N",
+                   help="realisations of the sea, side by side [1]")  # fmt: skip
     v.add_argument("--seed", type=seed, default=1, help="seed of the realisations [1]")
-    v.add_argument(
-        "--dt",
-        type=ranged(float, 1e-4, 10.0),
-        metavar="S",
-        help="physics step [0.014 s times the root of the length in m]",
-    )
+    v.add_argument("--dt", type=ranged(float, 1e-4, 10.0), metavar="S",
+                   help="physics step [0.014 s times the root of the length in m]")  # fmt: skip
     return p
 
 
