@@ -20,10 +20,9 @@ from rl.missions.escort.circling import (
     OrbitController,
     OrbitGains,
 )
-from rl.missions.escort.endings_and_logs import LOGGED, log_of, margins_of
 from rl.missions.escort.host import EscortHost
 from rl.missions.escort.rewards import AIRCRAFT_TERMS
-from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
+from rl.missions.escort.tracking import LOGGED, ObserverGroup, SharedTracking, SpiralSearch, log_of, margins_of
 from rl.perception.instruments import InstrumentsConfig, Readings
 from rl.perception.sensors import Sensor
 from rl.perception.sightings import Camera
@@ -128,7 +127,7 @@ class EscortAircraft(ResidualTeam):
         return margins_of(self.fleet, self.sensor, self.mission.config)
 
     def log(self, ended: Endings) -> dict[str, Tensor]:
-        """See endings_and_logs.py."""
+        """See tracking.py."""
         return log_of(self.distance, self.tracking, ended, self.mission.arrived, self.mission.config)
 
     def info(self) -> dict[str, Tensor]:

@@ -11,11 +11,10 @@ from rl.guidance.residual import ResidualTeam
 from rl.guidance.shapes import escort_offsets
 from rl.guidance.targets_and_errors import OFFSET, RATE, SLOT_SIZE, Geometry, Target, course_of
 from rl.guidance.targets_and_errors import TARGET_SIZE as TARGET
-from rl.missions.escort.endings_and_logs import LOGGED, log_of, margins_of
 from rl.missions.escort.host import EscortHost
 from rl.missions.escort.rewards import BOAT_TERMS
-from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
-from rl.perception.charted_objects import ChartedObjects
+from rl.missions.escort.tracking import LOGGED, ObserverGroup, SharedTracking, SpiralSearch, log_of, margins_of
+from rl.perception.chart import ChartedObjects
 from rl.perception.instruments import Readings
 from rl.perception.sensors import Sensor
 from rl.perception.sightings import Lookout
@@ -135,7 +134,7 @@ class EscortBoats(ResidualTeam):
         return margins_of(self.fleet, self.sensor, self.mission.config)
 
     def log(self, ended: Endings) -> dict[str, Tensor]:
-        """See endings_and_logs.py."""
+        """See tracking.py."""
         return log_of(self.distance, self.tracking, ended, self.mission.arrived, self.mission.config)
 
     def info(self) -> dict[str, Tensor]:

@@ -7,6 +7,8 @@ An observer begins to search when it has had no news of the vessel for `escort.l
 predicted place. Its estimate of that place, to which a boat sails and about which an aircraft circles, then moves
 outwards along an Archimedean spiral. The spirals of a team start in different directions. At a speed U along a spiral
 of pitch b, the radius after s seconds is r = sqrt(b U s / pi), and the angle is 2 pi r / b.
+
+Boats and aircraft have margins to endings, and logs, in common.
 """
 
 # Kernels are another language inside Python syntax.
@@ -26,15 +28,17 @@ from rl.guidance.targets_and_errors import COS, COURSE, EAST, NORTH, SIN, SPEED,
 from rl.missions.escort.config import EscortScenario
 from rl.perception.chart import AGE, P_PP, P_PV, P_VV, V_EAST, V_NORTH, Chart, width_of
 from rl.perception.radio import Message, Radio
+from rl.perception.sensors import Sensor
 from rl.perception.sightings import UNSEEN, Object, Sighting
-from rl.step import NOT_DUE, Due
-from taichi_sim.fleet import Views
+from rl.step import NOT_DUE, Due, Endings
+from taichi_sim.fleet import Fleet, Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
 from taichi_sim.state.memory import Remembers
 
 SLOWEST = 0.3  # m/s: the course of a slower vessel is not updated
+LOGGED = ("error_m", "arrived", "seen", "collisions_per_hour")
 CUE_SPEED = 1.5  # m/s, standard deviation of the vessel's velocity at first, each way; assumed
 COPIED = (
     (Object.NORTH, bodies.NORTH), (Object.EAST, bodies.EAST), (Object.V_NORTH, bodies.V_NORTH),
@@ -196,3 +200,26 @@ class SharedTracking(Remembers):
     def sees(self, name: str) -> Tensor:
         """Whether each observer of a team sees the vessel [env, observer]."""
         return self.of(name, self.sightings)[..., 0, Sighting.VARIANCE] > 0
+
+
+def margins_of(fleet: Fleet, sensor: Sensor, config: EscortScenario) -> dict[str, Tensor]:
+    """To contact with an obstacle, the vessel or a team mate, and to the edge of the area, m, [env, vehicle] each."""
+    place = fleet.position_n[..., :2]
+    return {"collided": sensor.gap, "left": config.area / 2 - place.abs().amax(-1)}
+
+
+def log_of(
+    distance: Tensor, tracking: SharedTracking, ended: Endings, arrived: Tensor, config: EscortScenario
+) -> dict[str, Tensor]:
+    """Errors now, shares of episodes that have `arrived` (bool [env]) and whose vessel somebody saw, collisions.
+
+    distance: m [env, vehicle], from where each vehicle should be.
+    """
+    hours = distance.numel() * config.decision_interval / 3600
+    sees = tracking.sightings[..., 0, Sighting.VARIANCE] > 0
+    return {
+        "error_m": distance.mean(),
+        "arrived": arrived.float().mean(),
+        "seen": sees.any(-1).float().mean(),
+        "collisions_per_hour": ended["collided"].sum() / hours,
+    }
