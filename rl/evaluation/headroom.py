@@ -10,6 +10,7 @@ for any figure of the mission's judge; 0 is the classical controller, 1 the orac
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,7 +34,7 @@ GONE = {
     "landing": {"course": {"turn_deg": 60.0, "change": 0.8, "turn_rate_deg": 4.0}},
 }
 """Mission, section -> keys that are no more, at the value that all episodes have now: digests keep them."""
-NEWER = {"formation": {"obstacles": {"off_ways": False}}}
+NEWER = {"formation": {"obstacles": {"off_ways": False}}, "escort": {"escort": {"start_lift": math.inf}}}
 """Mission, section -> keys that are newer than the stored episodes, at the value that these have; digests lack them."""
 LEARNING = ("residual", "terms", "plan")  # keys that change no episode
 

@@ -29,6 +29,8 @@ class EscortConfig(Strict):
     worlds: Annotated[int, Field(ge=1, le=8192)] = 256  # different starts (and obstacle fields) in one run
     start_distance: Annotated[Span, Plausible(1.0, 5000.0, "m")] = (200.0, 500.0)  # of boats from the vessel
     near_fraction: Fraction = 0.0  # share of episodes that begin near the vessel: for training
+    # speed at which the sea may lift a boat when an episode begins: at once in a steeper sea it is swamped; by trial
+    start_lift: Annotated[Positive, Plausible(0.05, 50.0, "m/s")] = 0.9
     # standard deviation, each way, of the cue: the vessel's place given at the start
     cue_error: Annotated[NonNegative, Plausible(0.1, 5000.0, "m")] = 30.0
     cue_age: Annotated[NonNegative, Plausible(0.1, 5000.0, "s")] = 60.0  # age of the cue at the start

@@ -33,6 +33,7 @@ from taichi_sim.visualisation.recording.episode import Episode, Scene
 
 VESSEL_TOP = 4.0  # m above the sea: aircraft pass above; assumed
 RESULT_SCALE = 8.0  # m from its slot, at which a boat's result is a half; assumed
+WAIT, WAITS = 1.0, 10  # s that their episode begins later, and how often
 OVERVIEW = 150.0  # m about the vessel, in recordings without aircraft
 
 
@@ -183,7 +184,7 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
         self.env_world[envs] = worlds
         self.hs[envs] = self._hs[self.world.env_sea[envs].long()]
         course, speed = self.worlds.course[worlds], self.worlds.speed[worlds]
-        self.world.place(config.escort.vessel, envs, self._script.start(envs, course, speed, self.generator))
+        vessel = self._script.start(envs, course, speed, self.generator)
         self.traffic.begin(envs, worlds, torch.zeros_like(worlds), self.world.current.velocity)
         noise = torch.randn((n, 2), generator=self.generator).to(self.hs)
         before = config.escort.cue_age * speed.unsqueeze(-1) * torch.stack((course.cos(), course.sin()), dim=-1)
@@ -191,12 +192,27 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
         boats, aircraft = self.boats, self.aircraft
         if boats is not None:
             place, heading = self.worlds.place[worlds], self.worlds.heading[worlds]
-            self.world.place(boats.name, envs, afloat(boats.fleet, place, heading, self.generator))
+            self._launch(boats, envs, afloat(boats.fleet, place, heading, self.generator))
+        self.world.place(config.escort.vessel, envs, vessel)
         over = self.worlds.aloft[worlds]
         if self.scouts is not None:
             self.scouts.begin(envs, over)
         elif aircraft is not None:
             self.world.place(aircraft.name, envs, aloft(aircraft.fleet, aircraft.down, over, self.generator))
+
+    def _launch(self, boats: EscortBoats, envs: Tensor, state: Tensor) -> None:
+        """Place the boats at `state`; where the sea lifts one faster than `escort.start_lift`, a little later.
+
+        The memory of radiated waves begins at rest, so that a boat is slow to follow a crest at first.
+        """
+        self.world.place(boats.name, envs, state)
+        for _ in range(WAITS):
+            lifted = (boats.fleet.velocity_n[envs, :, DOWN] < -self.config.escort.start_lift).any(-1)
+            envs, state = envs[lifted], state[lifted]
+            if not len(envs):
+                break
+            self.world.time[envs] += WAIT
+            self.world.place(boats.name, envs, state)
 
     @classmethod
     def one_each(cls, config: EscortScenario, episodes: int) -> EscortScenario:

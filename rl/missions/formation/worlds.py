@@ -4,7 +4,8 @@ A pool of starts for each world is drawn once, so that a reset only gathers rows
 place of the track, the leader within `start_distance` of it with about the slot's heading and speed, and followers near
 their slots; the formation is drawn with the start. If a vehicle touches an obstacle, its team is moved closer to its
 slots. If the slots touch one, too, or vehicles would meet before they can turn away or stop, another place is drawn.
-If none is found, the world's other starts are used, as where an obstacle beside a team's lanes is in its way to them.
+If none is found, the world's other starts are used, as where an obstacle beside a team's lanes is in its way to them,
+or two mates near each other too fast.
 Where all obstacles end below the flight height, aircraft begin above those ahead.
 """
 
@@ -133,10 +134,14 @@ def draw_starts(
             "draws; lower obstacles.count or obstacles.fixed, raise obstacles.clearance_min, or shrink the formation"
         )
     starts = Starts(progress, states, formations)
-    for team, model in models.items():
-        if config.obstacles.off_ways and met[team].shape[1] and _beside(config, team, model):
-            blocked = missing | _way_blocked(config, team, model, starts, tracks, met[team])
-            missing = torch.where(blocked.all(dim=1, keepdim=True), missing, blocked)
+    for team, model in models.items() if config.obstacles.off_ways else ():
+        unfit = []
+        if model.limits.stops:
+            unfit.append(_could_meet(states[team], 2 * model.collision_radius))
+        if met[team].shape[1] and _beside(config, team, model):
+            unfit.append(_way_blocked(config, team, model, starts, tracks, met[team]))
+        for blocked in unfit:
+            missing = torch.where((missing | blocked).all(dim=1, keepdim=True), missing, missing | blocked)
     return _others_for(missing, starts)
 
 
@@ -286,13 +291,28 @@ def _pass_clear(state: Tensor, speed: float, apart: float) -> Tensor:
     return (least + 1e9 * torch.eye(least.shape[-1])).amin(dim=(-2, -1)) > apart
 
 
-def _mates_clear(state: Tensor, apart: float) -> Tensor:
-    """Whether vehicles [.., vehicle, 13] that keep their velocity for `STOPPING_TIME` stay `apart` (m) [..]."""
+def _mates(state: Tensor) -> tuple[Tensor, Tensor]:
+    """Places (m) and velocities (m/s) of vehicles [.., vehicle, 13] from each other: [.., vehicle, vehicle, 2]."""
     place, velocity = state[..., :2], state[..., SURGE, None] * _bow(state)
     gap, nearing = (x.unsqueeze(-2) - x.unsqueeze(-3) for x in (place, velocity))
+    return gap, nearing
+
+
+def _mates_clear(state: Tensor, apart: float) -> Tensor:
+    """Whether vehicles [.., vehicle, 13] that keep their velocity for `STOPPING_TIME` stay `apart` (m) [..]."""
+    gap, nearing = _mates(state)
     time = -(gap * nearing).sum(-1) / nearing.square().sum(-1).clamp(min=1e-6)
     least = (gap + time.clamp(0.0, STOPPING_TIME).unsqueeze(-1) * nearing).norm(dim=-1)
     return (least + 1e9 * torch.eye(least.shape[-1])).amin(dim=(-2, -1)) > apart
+
+
+def _could_meet(state: Tensor, apart: float) -> Tensor:
+    """Whether two vehicles [.., vehicle, 13] near each other so fast that they would be `apart` (m) within
+    `STOPPING_TIME`: both may turn, and then a miss by their courses at the start does not count [..].
+    """
+    gap, nearing = _mates(state)
+    far = gap.norm(dim=-1) + 1e9 * torch.eye(gap.shape[-2])
+    return (far + STOPPING_TIME * ((gap * nearing).sum(-1) / far).clamp(max=0.0)).amin(dim=(-2, -1)) < apart
 
 
 def _first_clear_pull(
