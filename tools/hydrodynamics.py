@@ -114,9 +114,17 @@ def main(argv: list[str] | None = None) -> int:
         print(f"error: {message(error)}", file=sys.stderr)
         return 1
     except KeyboardInterrupt as interrupt:
-        print("\ninterrupted", file=sys.stderr)
+        print("\ninterrupted", *_left(args), sep="; ", file=sys.stderr)
         return status(interrupt)
     return 0
+
+
+def _left(args: argparse.Namespace) -> list[str]:
+    """What an interrupted command leaves of a mesh."""
+    file = Path(args.hull).with_suffix(".toml")
+    if not file.is_file() or UNFINISHED not in file.read_text(encoding="utf-8"):
+        return []
+    return [f"{file} is whole but for its database, which the same command begins again"]
 
 
 def _run(args: argparse.Namespace, command: str) -> None:

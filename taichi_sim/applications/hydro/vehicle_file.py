@@ -10,7 +10,8 @@ Every number has a line with its source. What nobody gave is assumed, and the li
   application of manoeuvring criteria in hull design using linear theory, Trans. RINA 125) for each hull, less what
   Coriolis and Munk loads of the added mass already hold. They are of ships with a stern as deep as the hull; lift goes
   with the square of the draught where the flow leaves (slender bodies: Newman 1977, Marine Hydrodynamics, sec. 7.8).
-- Heave, roll, pitch: radiation at the resonance; in roll a share of the critical damping for viscosity.
+- Heave, roll, pitch: radiation at the resonance; in roll also viscosity: roll_damping.py for hulls in its range, else a
+  share of the critical damping.
 """
 
 from dataclasses import replace
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 
 from taichi_sim.applications.hydro.hull_input import FloatingHull
 from taichi_sim.applications.hydro.resistance import FASTEST, HullForm, Race, Resistance, cross_flow_coefficient
+from taichi_sim.applications.hydro.roll_damping import Rolling
 from taichi_sim.config import ConfigError
 from taichi_sim.models.usv.hull.database import SUFFIX
 from taichi_sim.models.usv.hull.params import COUPLED, AddedCoupling
@@ -31,7 +33,7 @@ NEAR_INF = (0.5, 2.0)  # allowed A(resonance) / A(infinity) of these; assumed
 TINY = 1e-12  # avoids a division by zero
 SYMMETRIC = 0.1  # allowed asymmetry of a computed added mass, from coarse panels; assumed
 STRIPS = (0.5, 2.2)  # allowed sway added mass over rho pi T^2 / 2 of each section (half ellipses); assumed
-ROLL = 0.04  # viscous share of critical roll damping; assumed: slender hulls without bilge keels have 0.02 to 0.07
+ROLL = 0.04  # viscous share of critical roll damping of hulls outside the range of roll_damping.py; assumed
 PLAUSIBLE_FROUDE = 0.4  # Froude number of the top speed of a boat whose thrusters are not given; assumed
 ASTERN = 0.6  # thrust astern over thrust ahead; assumed
 DISC = 4000.0  # N/m^2, thrust at rest over the square of the diameter; assumed: small boats have 1500 to 9000
@@ -158,7 +160,8 @@ def vehicle_text(
     outside = f"; outside its range\n# ({off}), so assumed: some 10 % of this part" if off else ""
     critical = 2 * np.sqrt(max(stiffness[3, 3], 0.0) * (craft.M[3, 3] + A[3, 3]))
     linear = np.array([a, 0.0, *(max(flow.at(flow.damping, mode, mode), 0.0) for mode in (2, 3, 4)), 0.0])
-    linear[3] += ROLL * critical
+    viscous, eddies, roll = _viscous_roll(form, craft, flow.resonances[3], critical, rho)
+    linear[3] += viscous
     mean_draught = form.lateral / form.length
     C_d = cross_flow_coefficient(form.beam / (2 * form.draught))
     frontal, lateral, height = given.windage or (beam * freeboard, length * freeboard, freeboard / 2)
@@ -204,10 +207,10 @@ added_coupling = {{ {coupling} }}  # kg m, kg m^2
 # {parts["waves"]} N of waves: {waves}
 # {parts["transom"]} N of the transom: Holtrop (1984); appendages and fouling: 0, assumed (some per cent)
 # {_lost(resistance, top, given.propeller)}
-# Heave, roll, pitch: radiation at the resonance, and in roll {100 * ROLL:g} % of critical damping: assumed, it
-# sets the height of the roll resonance alone. Sway and yaw: cross-flow drag and lift.
+# Heave, roll, pitch: radiation at the resonance. Sway and yaw: cross-flow drag and lift. Roll also:
+# {roll}
 linear = {_row(linear)}  # N s/m, N m s
-quadratic = [{b:.6g}, 0.0, 0.0, 0.0, 0.0, 0.0]  # N s^2/m^2
+quadratic = {_row([b, 0.0, 0.0, eddies, 0.0, 0.0])}  # N s^2/m^2, N m s^2
 # Hoerner (1965) at B / 2T = {form.beam / (2 * form.draught):.3g} of {_count(form)}, over the mean draught{_shade(form)}
 cross_flow_length = {form.length:.6g}  # m
 cross_flow_draft = {mean_draught:.6g}  # m
@@ -232,6 +235,22 @@ stations = [
 ]
 '''
     return text, told
+
+
+def _viscous_roll(
+    form: HullForm, craft: FloatingHull, omega: float, critical: float, rho: float
+) -> tuple[float, float, str]:
+    """Viscous roll damping at the resonance `omega`: linear (N m s), quadratic (N m s^2), and its source."""
+    one = Rolling.of(form, craft.cg[2])
+    outside = ["two hulls"] if form.hulls > 1 else one.outside
+    if not outside:
+        return one.friction(rho, omega), one.eddies(rho), (
+            "friction and eddies of a bare hull at rest: Kawahara, Maekawa and Ikeda (2009); bilge keels and speed add"
+        )  # fmt: skip
+    return ROLL * critical, 0.0, (
+        f"{100 * ROLL:g} % of critical damping: assumed, it sets the height of the roll resonance alone; outside the\n"
+        f"# range of Kawahara, Maekawa and Ikeda (2009): {', '.join(outside)}"
+    )  # fmt: skip
 
 
 def _count(form: HullForm) -> str:

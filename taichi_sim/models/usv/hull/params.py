@@ -59,7 +59,7 @@ Quadratic6 = tuple[  # -X_uu ... (N s^2/m^2, N m s^2), factors of |nu| nu
     Annotated[NonNegative, Plausible(3e-4, 0.3, "N s^2/m^2", of="rho_sea length beam")],
     Annotated[NonNegative, Plausible(0.02, 3.0, "N s^2/m^2", of="rho_sea length draft")],
     Annotated[NonNegative, Plausible(0.02, 5.0, "N s^2/m^2", of="rho_sea length beam")],
-    Annotated[NonNegative, Plausible(5e-4, 0.5, "N m s^2", of="rho_sea length beam^4")],
+    Annotated[NonNegative, Plausible(1e-5, 0.5, "N m s^2", of="rho_sea length beam^4")],
     Annotated[NonNegative, Plausible(5e-4, 0.5, "N m s^2", of="rho_sea beam length^4")],
     Annotated[NonNegative, Plausible(3e-4, 1.0, "N m s^2", of="rho_sea draft length^4")],
 ]

@@ -104,5 +104,5 @@ def test_the_vehicle_of_a_mesh_is_whole(boat, tmp_path, azimuth):
             assert model.top_speed == pytest.approx(Resistance(form, RHO, G, races).speed(thrust), rel=0.01)
             assert (model.params.actions == "wrench") == azimuth
         assert (thrust is None) == any("no --thruster" in line for line in told)
-        assert text.count("assumed") >= 6
+        assert text.count("assumed") >= 6 and "Ikeda (2009): two hulls" in text
         assert np.linalg.eigvalsh(model.slow_mass)[0] > 0
