@@ -6,6 +6,7 @@ oldest one, for each frame. Without an answer it sends the frame again after a s
 
 import json
 import random
+import socket
 import struct
 from collections.abc import Callable
 
@@ -193,3 +194,14 @@ class Copter:
         speeds = np.sqrt(np.clip(thrusts, 0.0, None) / self.rotor.k_f)
         shares = (speeds - self.rotor.omega_min) / (self.rotor.omega_max - self.rotor.omega_min)
         return [round(1000 + 1000 * float(x)) for x in np.clip(shares, 0.0, 1.0)]
+
+
+def free_ports(n):
+    """Numbers of UDP ports that nobody uses."""
+    wires = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(n)]
+    for wire in wires:
+        wire.bind(("127.0.0.1", 0))
+    ports = [wire.getsockname()[1] for wire in wires]
+    for wire in wires:
+        wire.close()
+    return ports

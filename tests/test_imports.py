@@ -9,6 +9,10 @@ from pathlib import Path
 import pytest
 from folders import ROOT
 
+COMMANDS = ("rl.train", *(f"rl.commands.{name}" for name in (
+    "evaluate", "tune", "play", "report", "score", "describe", "export", "pilot",
+)))  # fmt: skip
+
 # From the bottom up; a name stands for the module or package and all inside it.
 LAYERS = (
     ("taichi_sim.errors", "taichi_sim.options"),
@@ -55,17 +59,7 @@ LAYERS = (
     ("rl.runs",),
     ("rl.adapters",),
     ("rl.commands.shared",),
-    (
-        "rl.train",
-        "rl.commands.evaluate",
-        "rl.commands.tune",
-        "rl.commands.play",
-        "rl.commands.report",
-        "rl.commands.score",
-        "rl.commands.describe",
-        "rl.commands.export",
-        "rl.commands.pilot",
-    ),
+    COMMANDS,
     ("rl.commands",),
     ("tools",),
 )
@@ -74,17 +68,7 @@ STRANGERS = (
     {"taichi_sim.surroundings.sea", "taichi_sim.surroundings.air"},
     {"taichi_sim.models.usv", "taichi_sim.models.uav"},
     {"taichi_sim.bench", "taichi_sim.visualisation.recording"},
-    {
-        "rl.train",
-        "rl.commands.evaluate",
-        "rl.commands.tune",
-        "rl.commands.play",
-        "rl.commands.report",
-        "rl.commands.score",
-        "rl.commands.describe",
-        "rl.commands.export",
-        "rl.commands.pilot",
-    },
+    {*COMMANDS},
 )
 PACKAGES = ("taichi_sim", "rl", "tools")
 

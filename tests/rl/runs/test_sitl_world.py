@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 import pytest
-from sitl_peer import Peer
+from sitl_peer import Peer, free_ports
 
 from rl.commands import sitl
 from rl.missions import load_scenario
@@ -17,16 +17,6 @@ from taichi_sim.config import ConfigError
 from taichi_sim.config.io import find_config
 
 SMALL = ("sea.components=8", "usv.count=3")
-
-
-def _ports(n):
-    wires = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(n)]
-    for wire in wires:
-        wire.bind(("127.0.0.1", 0))
-    ports = [wire.getsockname()[1] for wire in wires]
-    for wire in wires:
-        wire.close()
-    return ports
 
 
 class Afar(threading.Thread):
@@ -60,7 +50,7 @@ class Afar(threading.Thread):
 @pytest.mark.slow
 def test_two_autopilots_and_a_classical_controller_drive_three_boats(tmp_path, capsys):
     """At rest, ahead and to starboard; the third sails. The files hold what the autopilots were told."""
-    ports = _ports(2)
+    ports = free_ports(2)
     crew = [Afar(ports[0], 50, [1500, 0, 1500]), Afar(ports[1], 400, [1900, 0, 2000])]
     for one in crew:
         one.start()

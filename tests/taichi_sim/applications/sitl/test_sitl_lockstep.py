@@ -5,7 +5,7 @@ import socket
 
 import numpy as np
 import pytest
-from sitl_peer import Copter, Mate
+from sitl_peer import Copter, Mate, free_ports
 
 from taichi_sim.applications.sitl.ardupilot import Session
 from taichi_sim.applications.sitl.lockstep import Aboard, LockstepWorld, SilentError, Station
@@ -158,18 +158,8 @@ def test_an_aircraft_without_a_deck_is_held_until_it_lifts_off():
     assert mate.session.craft.news == ["lifts off"]
 
 
-def _free_ports(n):
-    wires = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(n)]
-    for wire in wires:
-        wire.bind(("127.0.0.1", 0))
-    ports = [wire.getsockname()[1] for wire in wires]
-    for wire in wires:
-        wire.close()
-    return ports
-
-
 def test_who_holds_the_world_is_named():
-    world, told, (mine, silent) = _world(), [], _free_ports(2)
+    world, told, (mine, silent) = _world(), [], free_ports(2)
     station = Station(world, {BOAT: mine, COPTER: silent}, {COPTER: BOAT}, address="127.0.0.1", timeout=0.3,
                       tell=told.append)  # fmt: skip
     try:
