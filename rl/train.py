@@ -104,8 +104,6 @@ def run_of(args: argparse.Namespace) -> tuple["Scenario", Path, Path]:
     if args.resume:
         out = args.out or run_folder.newest(Path("runs"))
         config, source = run_folder.continued(out, args.config, overrides)
-        if not ranks.engine() and run_folder.was_lanes(out):
-            print(f"warning: {run_folder.LANES}; this run goes on as it was begun", file=sys.stderr)
         if not ranks.engine() and (other := run_folder.other_versions(out)):
             print(f"warning: {other}: its figures will not be the same as without the change", file=sys.stderr)
         return config, source, out

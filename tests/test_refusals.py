@@ -15,7 +15,7 @@ MOST = {
     "rl/learn": 34,
     "rl/missions": 32,
     "rl/planning": 3,
-    "rl/runs": 27,
+    "rl/runs": 26,
     "taichi_sim": 31,
     "taichi_sim/applications": 90,
     "taichi_sim/config": 39,

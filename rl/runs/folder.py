@@ -56,7 +56,6 @@ GOES_ON = (
     "checkpoint_interval",
 )  # fmt: skip
 """Keys of a stage that may change in a run that goes on: none changes its environments."""
-LANES = "the scenario `paper` with residual policies, and obstacles in the lanes, is `lanes` now"
 ABANDONED = 3600.0  # s, after which an unfinished folder counts as left by a killed process
 PACKAGES = ("taichi-sim", "taichi", "torch", "numpy", "rsl-rl-lib", "gymnasium", "rerun-sdk", "pydantic")
 
@@ -223,8 +222,6 @@ def load_config(run: Path, overrides=(), config: Path | None = None) -> tuple[Sc
     """The scenario of a run (or the file `config` instead) with overrides, and the file it came from."""
     if config is not None:
         file = find_config(config)
-        if file.stem == "paper" and was_lanes(run):
-            raise RunError(f"{run}: {LANES}: give --config lanes")
         return load_scenario(file, overrides), file
     file = run / CONFIG
     if not file.is_file():
@@ -239,12 +236,6 @@ def load_config(run: Path, overrides=(), config: Path | None = None) -> tuple[Sc
         raise ConfigError(
             f"{error}\nThe run's saved configuration does not fit this version; pass --config FILE to use another"
         ) from None
-
-
-def was_lanes(run: Path) -> bool:
-    """Whether a run is of the scenario `paper` that is `lanes` now."""
-    data = read_toml(run / CONFIG) if (run / CONFIG).is_file() else {}
-    return data.get("name") == "paper" and "usv_plan" in data.get("stages", {})  # a stage that `paper` no longer has
 
 
 def _loads(file: Path) -> bool:

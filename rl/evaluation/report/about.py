@@ -24,7 +24,7 @@ from rl.evaluation.training_figures import (
     judged,
     terms_of,
 )
-from rl.runs.folder import LANES, StageResult, resuming, was_lanes
+from rl.runs.folder import StageResult, resuming
 from taichi_sim.config.io import toml_text
 from taichi_sim.visualisation.plotting import log_where_spread
 from taichi_sim.visualisation.plotting.page import COLOURS, blank, folded, missing, panel, paragraph, svg, table, text
@@ -121,9 +121,6 @@ def possible(run: Run) -> str:
             if key in taken and found["oracle"][key].value is not None
         ]
         parts.append(f"<h3>{text(team)}</h3>" + table(("", *found, "headroom taken"), rows))
-    if not parts and was_lanes(run.folder):
-        return missing(f"No oracle of this name fits: {LANES}. Evaluate there:",
-                       f"taichi-sim evaluate {shlex.quote(str(run.folder))} --config lanes")  # fmt: skip
     if not parts:
         return missing("This scenario has no oracle. Run one, then train or evaluate again:",
                        f"python tools/oracle.py {shlex.quote(run.config.name)}")  # fmt: skip

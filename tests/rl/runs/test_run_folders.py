@@ -76,12 +76,9 @@ def test_a_configuration_that_no_longer_parses_can_be_replaced(here, run):
     assert set(json.loads(ending.out)["teams"]) == set(TEAMS)
 
 
-def test_a_run_of_the_former_paper_is_told_its_name_now(here, run):
+def test_a_policy_that_corrected_nobody_corrects_nobody(here, run):
     file, fast = run / "config.toml", ("--episodes", "1")
-    plan = '\n[usv.residual]\n\n[stages.usv_plan]\nteam = "usv"\niterations = 1\n'
-    file.write_text(file.read_text() + plan)
-    for module in ("rl.commands.evaluate", "rl.commands.play"):
-        here(module, run, "--config", "paper").fails(str(run), "is `lanes` now", "--config lanes")
+    file.write_text(file.read_text() + "\n[usv.residual]\n")
     ending = here("rl.commands.evaluate", run, *fast, "--set", "usv.residual.velocity=0")
     assert ending.status == 0 and "classical controller acts" not in ending.err, ending.err
     here("rl.commands.evaluate", run, *fast, "--set", "usv.residual.velocity=1").fails(
