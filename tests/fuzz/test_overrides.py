@@ -15,7 +15,7 @@ from tests.fuzz.overrides import keys_of, overrides, scenario_keys
 
 SCENARIOS = ("lanes", "cruise", "otter", "aerosonde", "escort", "landing")
 SMALL = {"formation": ["track.worlds=2"], "escort": ["escort.worlds=2"], "landing": []}
-OF_SCENARIO, OF_VEHICLES = 800, 1000  # overrides: 5,000 in all
+OF_SCENARIO, OF_VEHICLES = 800, 1000  # overrides: 5,800 in all
 RUN = 60  # accepted ones of each scenario that are run, too
 LIMIT = 20  # s, for a scenario or a vehicle file to be read
 COMPILED = 240  # s, for a mission whose kernels must be compiled, on a busy machine
@@ -49,7 +49,7 @@ def not_finite(config: Scenario) -> list[str]:
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_overrides_of_a_scenario_are_taken_or_refused_by_name(name):
-    """800 of each of five scenarios; the first accepted ones are run for two steps."""
+    """800 of each of `SCENARIOS`; the first accepted ones are run for two steps."""
     shipped = load_scenario(name)
     keys, accepted, wrong = scenario_keys(shipped), 0, []
     small = ["sea.realisations=2", *SMALL[shipped.mission]]
