@@ -2,8 +2,8 @@
 
 The search is the cross-entropy method (Rubinstein 1999) on the logarithms of the numbers. Each round draws candidates
 around the current mean, runs the same episodes with each, and moves to the mean of the best quarter. Every round has
-new episodes, so that no candidate wins by luck. The result is the mean after the last round; further episodes compare
-it with the start. The mission defines the loss (`Judge.loss`).
+new episodes, so that no candidate wins by luck. The result is the mean after the last round, or the start if that is
+better on further episodes. The mission defines the loss (`Judge.loss`).
 """
 
 import math
@@ -92,6 +92,8 @@ def tune(
         found = _numbers(searched, mean)
         after, figures = run(found, rounds)
         before, figures_before = run({}, rounds)
+    if not after <= before:
+        found, after, figures = {name: given[name] for name in searched}, before, figures_before
     kept = {**mission.teams[team].section.control, **found}
     return Tuned(kept, after, before, figures, figures_before)
 
@@ -128,7 +130,8 @@ def write_scenario(out: Path, config: Scenario, source: Path, team: str, numbers
 
 def summary(tuned: Tuned, line: Callable[[dict[str, float | None]], str]) -> str:
     """The result of a search as readable lines; `line` formats figures (Judge.line)."""
-    return (
-        f"before: loss {tuned.loss_before:.3f}: {line(tuned.figures_before)}\n"
-        f"after:  loss {tuned.loss:.3f}: {line(tuned.figures)}"
-    )
+    better = tuned.loss < tuned.loss_before
+    return f"before: loss {tuned.loss_before:.3f}: {line(tuned.figures_before)}\n" + (
+        f"after:  loss {tuned.loss:.3f}: {line(tuned.figures)}" if better
+        else "nothing better was found: the numbers stay (more --rounds, --candidates or --episodes search further)"
+    )  # fmt: skip

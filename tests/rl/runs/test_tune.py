@@ -7,7 +7,7 @@ from named_thrusters import write_hull
 
 from rl.guidance.controllers.unity import UnityBoatGains
 from rl.missions import load_scenario
-from rl.runs.tune import tune, write_numbers, write_scenario
+from rl.runs.tune import summary, tune, write_numbers, write_scenario
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import find_config, vehicle_file
 
@@ -25,6 +25,15 @@ def test_a_bad_number_is_found_again():
     assert found.numbers["bandwidth"] > 0.5
     assert found.loss < found.loss_before
     assert found.numbers["closing"] == 4.0  # given by the file, and not searched for
+
+
+@pytest.mark.slow
+def test_numbers_that_are_no_better_than_those_before_are_not_taken(monkeypatch):
+    monkeypatch.setattr("rl.runs.tune._numbers", lambda names, _: dict.fromkeys(names, 0.01))
+    config = load_scenario("lanes", TINY)
+    found = tune(config, "usv", names=("bandwidth",), rounds=1, candidates=2, episodes=4, show_progress=False)
+    assert found.numbers == {"bandwidth": 0.3, "closing": 4.0} and found.loss == found.loss_before
+    assert "nothing better was found" in summary(found, str)
 
 
 def test_unknown_numbers_and_zeros_are_refused():
