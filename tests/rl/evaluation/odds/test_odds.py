@@ -235,7 +235,7 @@ def missions_held() -> int:
 
 def test_the_command_tells_keeps_and_repeats(small, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(splitting, "COMMON", 1.0)
-    given = ["otter", "--team", "usv", "--of", "lost", "--set", "usv.lost_distance=9", *SHORT, "--effort", "160"]
+    given = ["otter", "--team", "usv", "--of", "lost", "--set", "usv.lost_distance=9", *SHORT, "--effort", "64"]
     told, before = tmp_path / "odds.json", missions_held()
     command.main([*given, "--relative", "0.5", "--quiet", "--json", str(told)])
     assert missions_held() <= before + 1  # those of all repeats are gone

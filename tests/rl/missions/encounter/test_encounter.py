@@ -36,7 +36,7 @@ def _gaps(out: array2, a: array2, b: array2):
         out[n, 0] = rectangle_gap(at, ac, as_, a[n, 3], a[n, 4], to, bc, bs, b[n, 3], b[n, 4])
 
 
-def _boundary(row, points=400):
+def _boundary(row, points=200):
     """Points [.., 2] all over a rectangle (north, east, heading, length, beam), its inside, too."""
     side = np.linspace(-0.5, 0.5, points // 10)
     x, y = np.meshgrid(side * row[3], side * row[4])
@@ -51,10 +51,10 @@ def _boundary(row, points=400):
 def test_gaps_of_hulls_are_those_of_their_points():
     runtime.current()
     rng = np.random.default_rng(1)
-    rows = rng.uniform((-8, -8, -4, 1, 0.5), (8, 8, 4, 12, 4), size=(2, 150, 5))
+    rows = rng.uniform((-8, -8, -4, 1, 0.5), (8, 8, 4, 12, 4), size=(2, 40, 5))
     rows[1, :10, :2] = rows[0, :10, :2]  # crosses: no corner inside, and yet they overlap
     rows[:, :10, 3:], rows[1, :10, 2] = (12.0, 1.0), rows[0, :10, 2] + 1.5
-    out = torch.zeros((150, 1))
+    out = torch.zeros((40, 1))
     _gaps(out, *torch.from_numpy(rows).float())
     for a, b, gap in zip(*rows, out[:, 0].tolist(), strict=True):
         near = np.linalg.norm(_boundary(a)[:, None] - _boundary(b), axis=-1).min()
