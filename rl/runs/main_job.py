@@ -1,5 +1,6 @@
 """The main job: train a scenario's stages, evaluate them on held-out episodes, record and draw an episode."""
 
+import tempfile
 import time
 from collections.abc import Mapping
 from functools import partial
@@ -32,8 +33,10 @@ from rl.scenario import Scenario, derive_seed
 from rl.team import ControllerError
 from taichi_sim.config import ConfigError
 from taichi_sim.config.arguments import ActionError
+from taichi_sim.config.io import replacing
 from taichi_sim.kernels import runtime
 from taichi_sim.visualisation.film.files import write_film
+from taichi_sim.visualisation.recording import Episode
 from taichi_sim.visualisation.recording.rrd import write_recording
 
 RECORDING, FIGURES = "episode.rrd", "figures"
@@ -70,9 +73,9 @@ def run_main_job(
         policies: dict[str, Policy] = ranks.broadcast(lambda: {t: load_policy(out, config, t) for t in config.trained})
         policies |= given_policies(config)
         evaluation = _evaluate(config, policies, out, source, show_progress)
+        _picture(config, policies, out, source, show_progress)
         if evaluation is None:  # not rank 0
             return None
-        _picture(config, policies, out, show_progress)
         summary: Summary = {
             "scenario": config.name,
             "seed": config.seed,
@@ -89,25 +92,49 @@ def run_main_job(
     return summary
 
 
-def _picture(config: Scenario, policies: Mapping[str, Policy], out: Path, show_progress: bool) -> None:
+def _picture(
+    config: Scenario, policies: Mapping[str, Policy], out: Path, source: Path | None, show_progress: bool
+) -> None:
     """Record and film an episode of the untrained (if kept) and of the trained teams; draw it and the training.
 
     The film shows what is not measured at the episode's start and as much again, or all of it if all is measured.
+    Processes share the work; rank 0 films and writes.
     """
-    source = out / run_folder.CONFIG
+    place, teams = ranks.here(), {"trained": dict(policies)}
+    if untrained := ranks.broadcast(lambda: _untrained(config, out)):
+        teams = {"untrained": {**policies, **untrained}} | teams
+    drawing = (len(teams) - 1) % place.count  # the rank that records the trained teams
+    own: dict[str, Episode] = {}
+
+    def record() -> dict[str, Episode]:
+        for caption, of in list(teams.items())[place.rank :: place.count]:
+            own[caption] = record_episode(config, of, seed=config.evaluation.seed, source=source,
+                                          show_progress=show_progress and place.first)  # fmt: skip
+        return own
+
+    def draw() -> dict[str, bytes]:
+        if place.first:
+            write_recording(shown, out / RECORDING)
+            until = 2.0 * config.evaluation.settle or config.episode_duration
+            write_film(shown, out / FILM, size=FILM_SIZE, fps=FILM_FPS, speed=until / FILM_S, until=until)
+        if place.rank != drawing:
+            return {}
+        with tempfile.TemporaryDirectory() as folder:
+            mission_class(config, source).draw_figures(Path(folder), histories, own["trained"], config)
+            return {file.name: file.read_bytes() for file in Path(folder).iterdir()}
+
+    shown = {caption: episode for of_rank in ranks.gather(record) for caption, episode in of_rank.items()}
+    histories = ranks.broadcast(lambda: {team: team_history(out / team) for team in config.trained})
+    for figures in ranks.gather(draw):
+        for name, content in figures.items():
+            with replacing(out / FIGURES / name) as part:
+                part.write_bytes(content)
+
+
+def _untrained(config: Scenario, out: Path) -> dict[str, Policy] | None:
+    """The trained teams' policies before their training, if they were kept."""
     kept = all((out / team / UNTRAINED).is_file() for team in config.trained)
-    untrained = {"untrained": {**policies, **policies_of("untrained", out, config)}} if kept else {}
-    teams = untrained | {"trained": policies}
-    shown = {
-        caption: record_episode(config, of, seed=config.evaluation.seed, source=source, show_progress=show_progress)
-        for caption, of in teams.items()
-    }
-    write_recording(shown, out / RECORDING)
-    until = 2.0 * config.evaluation.settle or config.episode_duration
-    write_film(shown, out / FILM, size=FILM_SIZE, fps=FILM_FPS, speed=until / FILM_S, until=until)
-    episode = shown["trained"]
-    histories = {team: team_history(out / team) for team in config.trained}
-    mission_class(config, source).draw_figures(out / FIGURES, histories, episode, config)
+    return policies_of("untrained", out, config) if kept else None
 
 
 def _loss(config: Scenario, source: Path | None, policies: Mapping[str, Policy]) -> float:

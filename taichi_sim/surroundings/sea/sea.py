@@ -147,6 +147,10 @@ class Sea:
         size = f"{number(self.num_seas, 'realisation')} of {number(self.num_components, 'component')}"
         return f"<Sea: {state}, {depth}, {size}>"
 
+    def __reduce__(self) -> tuple[type["Sea"], tuple[Components, float | None]]:
+        """Build it anew from its components, in another process or of a pickle."""
+        return Sea, (self.components, self.depth)
+
     @classmethod
     def from_config(cls, config: SeaConfig, seed: int) -> "Sea":
         """Draw the sea of a configuration from `seed`; hs = 0 is a calm sea."""

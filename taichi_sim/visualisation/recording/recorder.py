@@ -1,6 +1,7 @@
 """Records a world's motion frame by frame: one environment, all teams, and what the models report."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
@@ -11,12 +12,12 @@ from numpy.typing import NDArray
 from taichi_sim.config.io import toml_text
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.conventions import EAST, FREEBOARD, NO_DECK, NORTH
+from taichi_sim.surroundings.sea import Sea
 from taichi_sim.vehicle import Vehicle
 from taichi_sim.visualisation.recording.episode import (
     Airframe,
     Array,
     Body,
-    Elevation,
     Episode,
     Event,
     Force,
@@ -174,7 +175,7 @@ class Recorder:
             name=name,
             time_s=self.time_s,
             teams={team: self.track(team, **(mission or {}).get(team, {})) for team in self.world.teams},
-            elevation=self._elevation(),
+            elevation=partial(_elevation, sea, begin, index),
             scene=scene or Scene(),
             config_text=f"# {name}\n\n```toml\n{toml_text(config)}```\n" if config_text is None else config_text,
             events=tuple(events),
@@ -182,7 +183,7 @@ class Recorder:
             conditions=conditions or {},
             current_n=np.stack([current for current, _ in self._flows]),
             wind_n=np.stack([wind for _, wind in self._flows]),
-            waves=lambda time_s: sea.waves_at(begin + time_s, index),
+            waves=partial(_waves, sea, begin, index),
             like=like,
         )
 
@@ -195,25 +196,25 @@ class Recorder:
         self._rows = {name: rows[first:] for name, rows in self._rows.items()}
         return part
 
-    def _elevation(self) -> Elevation:
-        """Elevation function of the environment's sea on the recording's clock; it advances waves once per time."""
-        sea, begin = self.world.sea, self._begin
-        like, env_sea = self.world.time, torch.tensor([self._sea], dtype=torch.int32, device=self.world.time.device)
-
-        def elevation(north: NDArray, east: NDArray, time_s: float) -> NDArray:
-            place = np.stack(np.broadcast_arrays(north, east), axis=-1)
-            points = torch.from_numpy(place.reshape(-1, 2)).to(sea.table)
-            phase = sea.phases(env_sea, like.new_tensor([begin + time_s]))
-            rows = env_sea.new_zeros(len(points))
-            return sea.elevation_at(points, rows, env_sea, phase).cpu().numpy().reshape(place.shape[:-1])
-
-        return elevation
-
     def write(self, path: str | Path, **parts: Unpack[EpisodeParts]) -> Path:
         """Write `episode(**parts)` to an .rrd file; see write_recording."""
         from taichi_sim.visualisation.recording.rrd import write_recording  # rerun takes a third of a second
 
         return write_recording(self.episode(**parts), Path(path))
+
+
+def _elevation(sea: Sea, begin: float, index: int, north: NDArray, east: NDArray, time_s: float) -> NDArray:
+    """Elevation of realisation `index` on a clock that began at `begin` (s); it advances waves once per time."""
+    place = np.stack(np.broadcast_arrays(north, east), axis=-1)
+    points = torch.from_numpy(place.reshape(-1, 2)).to(sea.table)
+    env_sea = torch.tensor([index], dtype=torch.int32, device=points.device)
+    phase = sea.phases(env_sea, torch.tensor([begin + time_s], dtype=torch.float64, device=points.device))
+    rows = env_sea.new_zeros(len(points))
+    return sea.elevation_at(points, rows, env_sea, phase).cpu().numpy().reshape(place.shape[:-1])
+
+
+def _waves(sea: Sea, begin: float, index: int, time_s: float) -> Array:
+    return sea.waves_at(begin + time_s, index)
 
 
 def _copy(tensor: torch.Tensor) -> Array:
