@@ -68,6 +68,15 @@ class HullForm:
         return at_stern & (-area[:, X] > FACING * np.linalg.norm(area, axis=1))
 
     @cached_property
+    def slopes(self) -> Array:
+        """Area ahead (m^2) of fine panels without transoms, and x and z of their centres, [3, n]; one for all panels at
+        the same x and z, as the two sides of a hull have.
+        """
+        area, centre = (values[~self.is_transom] for values in self.fine)
+        place, number = np.unique(np.round(centre[:, [X, Z]], 9), axis=0, return_inverse=True)
+        return np.stack((np.bincount(number.ravel(), area[:, X]), *place.T), dtype=np.float64)
+
+    @cached_property
     def one(self) -> Array:
         """Corners [n, 3] of one hull."""
         points = self.surface.whole.reshape(-1, 3)
@@ -242,12 +251,14 @@ class Resistance:
         """R_W by Michell's integral, N."""
         form = self.form
         k_0 = self.g / u**2
-        area, centre = (values[~form.is_transom] for values in form.fine)
+        area, x, z = form.slopes.astype(np.float32)  # five times as fast, and 1e-6 off
         s = np.linspace(0.0, np.arccosh(max(np.sqrt(2 * DEEPEST / (k_0 * form.draught)), 1.5)), WAVES)
-        lam = np.cosh(s)[:, None]
-        A = np.exp(lam**2 * k_0 * centre[:, Z] + 1j * lam * k_0 * centre[:, X]) @ area[:, X] / 2
-        A = A * np.cos(lam[:, 0] * np.sinh(s) * k_0 * form.apart)
-        return float(4 * self.rho * self.g**2 / (np.pi * u**2) * np.trapezoid(np.abs(A) ** 2 * lam[:, 0] ** 2, s))
+        lam = np.cosh(s)
+        depth, phase = (np.outer(of.astype(np.float32), at) for of, at in ((lam**2 * k_0, z), (lam * k_0, x)))
+        np.exp(depth, out=depth)
+        P, Q = (depth * np.cos(phase)) @ area / 2, (depth * np.sin(phase)) @ area / 2
+        squared = (P**2 + Q**2) * np.cos(lam * np.sinh(s) * k_0 * form.apart) ** 2
+        return float(4 * self.rho * self.g**2 / (np.pi * u**2) * np.trapezoid(squared * lam**2, s))
 
     def speed(self, thrust: float) -> float:
         """Speed (m/s) at which the resistance and the thrust lost are `thrust` (N), at most that of FASTEST."""
