@@ -145,6 +145,7 @@ def init(arch: str = "cpu", precision: Precision = "f32", threads: int = 0) -> R
                 cpu_max_num_threads=wanted.threads,
                 fast_math=True,
                 offline_cache=True,
+                offline_cache_max_size_of_files=1 << 30,  # bytes; of 100 MiB, the default, the tests alone fill more
                 make_cpu_multithreading_loop=False,  # which gives a loop of less than 1,024 turns to one thread
                 default_cpu_block_dim=BLOCK,
                 unrolling_limit=0,  # no warning of long unrolled loops: a hull of 500 panels takes 3 s to compile
