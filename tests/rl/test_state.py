@@ -35,6 +35,8 @@ SCENARIOS = {
     "encounter": ("sea.realisations=4", "encounter.notice=240"),
     str(PLUGIN): (),
 }
+QUICK = "lanes", "otter", "escort"
+NAMED = [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in SCENARIOS]
 # What steps write anew before anybody reads it, and what is asked for again.
 SCRATCH = (
     "._wanted",
@@ -178,7 +180,7 @@ def test_forks_and_their_forks_never_draw_the_same_noise_of_their_own():
     assert len(measured.unique()) == 12
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", NAMED)
 def test_kept_states_go_on_in_a_mission_of_another_size(name):
     """To the bit where they share the noise; apart where they draw their own."""
     mission, other = begun(name, 5), begun(name, 3)
@@ -220,7 +222,7 @@ def test_kept_states_that_do_not_fit_are_refused_and_nothing_is_written():
                if isinstance(a, torch.Tensor))  # fmt: skip
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", NAMED)
 def test_an_episode_draws_nothing_from_a_generator_as_it_goes_on(name):
     """Else its copies could not part."""
     mission = begun(name, 3)

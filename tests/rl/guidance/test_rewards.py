@@ -130,7 +130,7 @@ def test_the_gap_ahead_is_the_least_one_on_straight_ways():
     task = make("obstacles.count=150", "obstacles.clearance_min=-15", "obstacles.moving_fraction=0.3", envs=8)
     wander(task, 25)
     team = task.teams["usv"]
-    time = torch.linspace(0, 4, 4001)
+    time = torch.linspace(0, 4, 801)
     place, velocity = team.fleet.position_n[..., :2, None], team.fleet.velocity_n[..., :2, None]
     way = place + velocity * time
     mates = (way.unsqueeze(1) - way.unsqueeze(2)).norm(dim=-2) + 1e6 * torch.eye(3)[..., None]

@@ -193,11 +193,14 @@ def test_stages_that_cannot_be_are_refused(overrides, words):
         assert word in str(refused.value)
 
 
+GIVEN = [*(text for text in TINY if not text.startswith("stages.usv")), 'stages.uav.frozen=["usv=pretrained"]']
+
+
+@pytest.mark.slow
 def test_a_team_acts_by_a_policy_of_the_package_that_no_stage_trains(here, tmp_path):
     """Aircraft of the paper learn while its boats act by the shipped policy, in training and in what follows it."""
-    tiny = [text for text in TINY if not text.startswith("stages.usv")]
-    out, given = tmp_path / "out", 'stages.uav.frozen=["usv=pretrained"]'
-    done = here("rl.train", "--config", "paper", "--out", out, "--threads", "1", *sets(*tiny, given))
+    out = tmp_path / "out"
+    done = here("rl.train", "--config", "paper", "--out", out, "--threads", "1", *sets(*GIVEN))
     assert done.status == 0, done.err
     config, _ = run_folder.load_config(out)
     assert config.trained == ("uav",) and config.acting == ("usv", "uav") and not (out / "usv").exists()
@@ -207,11 +210,12 @@ def test_a_team_acts_by_a_policy_of_the_package_that_no_stage_trains(here, tmp_p
     both = {"usv": shipped_policies("paper")["usv"], "uav": acting["uav"]}
     judged = judge_episodes(config, both, episodes=4, seed=config.evaluation.seed, show_progress=False)
     assert told["team_error_m"] == pytest.approx(judged.result["teams"]["usv"]["team_error_m"])
-    other = tmp_path / "other"
-    here("rl.train", "--config", "paper", "--out", other, *sets(*tiny, given, "name='mine'")).fails(
-        "usv=pretrained", "mine"
-    )
-    assert not other.exists()
+
+
+def test_a_policy_of_the_package_that_is_not_there_is_named_before_anything_is_made(here, tmp_path):
+    out = tmp_path / "out"
+    here("rl.train", "--config", "paper", "--out", out, *sets(*GIVEN, "name='mine'")).fails("usv=pretrained", "mine")
+    assert not out.exists()
 
 
 def test_a_start_that_is_not_there_is_named_before_anything_is_made(here, tmp_path):

@@ -187,6 +187,7 @@ def test_a_boat_follows_a_route_where_its_file_says(tmp_path):
     assert abs(east + 30.0) < 1.0 and 80.0 + 30 * 1.5 < north < 80.0 + 41 * 1.5
 
 
+@pytest.mark.slow
 def test_a_boat_gives_way_to_a_ship_that_it_hears_by_ais():
     """Head-on: SB-MPC orders a course to starboard, and leads back to the route when the ship has passed."""
     sea = load_scenario("encounter", ("usv.vehicle=otter", "encounter.speed=1.5"))

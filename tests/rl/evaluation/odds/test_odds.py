@@ -140,14 +140,14 @@ def estimate(post, kind="expected", effort=400, repeats=20, seed=1, envs=ENVS):
 @pytest.mark.parametrize(
     ("sigmas", "gain", "effort", "envs"),
     [
-        (3.0, 1, 300, 300),
+        (3.0, 1, 150, 150),
         *(pytest.param(*of, marks=pytest.mark.slow) for of in ((3.85, 20, 300, 64), (5.0, 1000, 600, 64))),
     ],
 )
 def test_a_boat_in_noise_hits_a_post_as_often_as_the_normal_distribution_says(sigmas, gain, effort, envs):
     post = sigmas * spread()
     odds, _ = estimate(post, effort=effort, envs=envs)
-    assert odds.low < closed_form(post) < odds.high and odds.relative < 0.2
+    assert odds.low < closed_form(post) < odds.high and odds.relative < 0.3
     assert odds.direct(odds.relative) * STEPS > gain * odds.cost
 
 
@@ -202,6 +202,7 @@ def test_repeats_are_planned_until_enough_beginnings_carry_the_result():
     assert not answer(16).odds.decided and answer(16).more(0.9) == 0 and answer(16).more(0.05) > 40
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("threads", [1, 2])
 def test_threads_change_no_digit(threads):
     from taichi_sim.kernels import runtime
@@ -225,7 +226,7 @@ def small(monkeypatch):
         monkeypatch.setattr(estimate, name, value)
 
 
-SHORT = ("--set", "episode_duration=8", "--set", "evaluation.settle=1", "--controller", "classical")
+SHORT = ("--set", "episode_duration=8", "--set", "evaluation.settle=1", "--controller", "classical", "--threads", "1")
 
 
 def missions_held() -> int:
