@@ -107,6 +107,7 @@ def checkout(tmp_path):
         del sys.modules[name]
 
 
+@pytest.mark.slow
 def test_the_published_otter_gets_shaft_speeds_and_current(checkout):
     mission = afloat()
     fleet, n_max = mission.teams["usv"].fleet, mission.teams["usv"].fleet.model.thrusters.thrusters[0].n_max

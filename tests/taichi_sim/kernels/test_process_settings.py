@@ -67,10 +67,8 @@ def rolled(scenario, steps=6):
     return found
 
 
-@pytest.mark.parametrize(
-    "scenario",
-    ["lanes", *(pytest.param(x, marks=pytest.mark.slow) for x in ("otter", "escort", "landing", "aerosonde"))],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", ["lanes", "otter", "escort", "landing", "aerosonde"])
 def test_settings_of_torch_change_no_number(scenario):
     """To the bit, in dtype too; and what is made in inference mode works outside, on the other side as well."""
     expected = rolled(scenario)

@@ -371,6 +371,7 @@ print(sorted(sorted(os.sched_getaffinity(t)) for t in workers))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="one core")
 def test_the_threads_that_work_have_a_core_each_where_they_are_as_many_as_cores(tmp_path):
     cores, script = sorted(os.sched_getaffinity(0)), tmp_path / "bound.py"

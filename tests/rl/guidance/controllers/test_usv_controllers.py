@@ -180,7 +180,8 @@ def test_tracks_in_calm_water(vehicle, overrides, left_right):
     assert load.X[:, 0].mean().item() == pytest.approx(77.554432 * SPEED, rel=0.05)
 
 
-@pytest.mark.parametrize("kind", ["azimuth", *(pytest.param(x, marks=pytest.mark.slow) for x in ("fixed", "tunnel"))])
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["azimuth", "fixed", "tunnel"])
 def test_a_hull_with_named_thrusters_tracks_in_calm_water(kind, named_thrusters):
     """Within 15 cm of every slot after 60 s; loads of its actions are those it wants, within the thrusters' limits."""
     task = make(*CALM, vehicle=named_thrusters[kind])

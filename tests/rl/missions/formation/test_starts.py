@@ -48,7 +48,12 @@ def least_gaps(mission: Mission, team: str) -> dict[str, Tensor]:
     return gaps
 
 
-@pytest.mark.parametrize("start", STARTS)
+SELDOM = "aircraft that cannot stop, in wind", "aircraft that can stop", "boats far from a vessel, aircraft above"
+
+
+@pytest.mark.parametrize(
+    "start", [pytest.param(start, marks=[pytest.mark.slow] if start in SELDOM else []) for start in STARTS]
+)
 def test_vehicles_that_do_nothing_meet_nothing_before_they_could_react(start):
     """By their velocities in the wind of the episode, with a metre to spare."""
     name, *overrides = STARTS[start]

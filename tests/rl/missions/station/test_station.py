@@ -88,6 +88,7 @@ def test_on_a_calm_sea_the_keeper_keeps_place_and_docks():
     assert abs(found["least_gap_m"] - 1.0) < 0.2, found  # station.clear
 
 
+@pytest.mark.slow
 def test_the_keepers_integral_carries_a_steady_load():
     """A current across: after two minutes the boat lies on its place, though a proportional law would leave it off."""
     mission = station("sea.current.speed=0.3", "station.hold=200", "episode_duration=200", envs=4)

@@ -709,6 +709,7 @@ def _unfitted(vehicle, logs, priors, changes=None, tests=(), **_):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_numbers_of_a_section_share_a_factor():
     model, file = load_vehicle("otter"), vehicle_file(TeamConfig(vehicle="otter"))
     values = command.values_of(model, ("hydrodynamics.linear", "rigid_body.mass"), [0.5, 82.0], ["", ""])

@@ -68,6 +68,7 @@ def test_packets_are_as_documented():
             parse(bad)
 
 
+@pytest.mark.slow
 def test_frames_lost_repeated_late_and_restarted_change_nothing():
     """1,000 frames at 400 Hz over a wire that loses a quarter of the packets each way, against one that loses none."""
     sea, clock = SeaConfig(hs=0.05, tp=1.5), Clock()

@@ -117,6 +117,7 @@ def test_one_aircraft_does_not_depend_on_the_others(bench, make_model):
         assert torch.equal(_flight(bench, make_model, only), team[only])
 
 
+@pytest.mark.slow
 def test_bits_do_not_depend_on_threads(bench, make_model):
     states = []
     for threads in (1, 2):

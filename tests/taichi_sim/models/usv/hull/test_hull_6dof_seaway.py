@@ -185,6 +185,7 @@ def pitch_in_head_seas(model, omega):
     return np.array(result)
 
 
+@pytest.mark.slow
 def test_pitch_of_a_catamaran_in_waves_shorter_than_it(catamaran, bench):
     """At and about its resonance in head seas, against the linear hull: 15 %. It is 1.7 times as large where hulls do
     not feel the pitch of waves shorter than 0.78 of their length.
