@@ -110,7 +110,7 @@ def _pictures(run: Run, of: StoredEvaluation, team: str, spreads: Sequence[Sprea
     shown += sorted(own, key=lambda s: -np.nanmax(np.abs((*ranks[s.key], 0.0))))[:NUMBERS]
     label = "" if key is None else run.judge.told[key]
     figure = blank(12.0, 2.2 * -(-len(shown) // ACROSS) + 0.2)
-    grid = figure.subplots(-(-len(shown) // ACROSS), ACROSS, squeeze=False)
+    grid = figure.subplots(-(-len(shown) // ACROSS), ACROSS, squeeze=False, sharey=True)
     for axes in grid.flat[len(shown) :]:
         axes.set_visible(False)
     for spread, axes in zip(shown, grid.flat, strict=False):
