@@ -46,9 +46,11 @@ LEGS = [  # of half of the log: seconds, ahead, helm
     (20, 1, 0), (25, 1, 0.3), (30, 1, 1), (15, 1, 0), (30, 1, -1), (15, 1, 0), (20, 1, -0.4),
     *5 * [(6, 1, 0.6), (6, 1, -0.6)], (15, -0.5, 0), (15, 0, 0.8), (15, 0, -0.8), (20, 0, 0),
 ]  # straight runs, turning circles, a zigzag, astern, on the spot
-PRIORS = {  # of the fit: surge, and what turns the boat; two propellers tell little of sway
-    "hydrodynamics.linear.0": 0.4, "hydrodynamics.added_mass.5": 0.4, CROSS_FLOW: 0.8, "hydrodynamics.lift": 0.8,
-    "thrusters.lag": 0.4,
+DAMPED = {"linear.1": 100.0, "linear.5": 50.0, "quadratic.5": 250.0}  # first guesses where the file of a mesh has 0
+PRIORS = {  # of the fit: surge, and what turns the boat
+    "hydrodynamics.linear.0": 0.4, "hydrodynamics.added_mass.1": 0.8, "hydrodynamics.added_mass.5": 0.8,
+    CROSS_FLOW: 0.8, "hydrodynamics.lift": 0.8, "thrusters.lag": 0.4,
+    **{f"hydrodynamics.{key}": 1.0 for key in DAMPED},
 }  # fmt: skip
 TITLE = "## Boats from their meshes"
 BOATS_HEAD = "| boat | figure | truth | from the mesh | with the true top speed |"
@@ -264,10 +266,15 @@ def ten_minutes(folder: Path) -> tuple[Figures, list[str]]:
     legs = [(seconds, share * ahead, helm) for share in (1.0, 0.5) for seconds, ahead, helm in LEGS]
     commands = np.concatenate([np.tile(leg[1:], (round(leg[0] / INTERVAL), 1)) for leg in legs])
     (log,) = write_logs(boat.truth, {}, folder, count=1, seed=SEED, commands=commands)
-    model, out = load_vehicle(file), folder / "otter_fitted.toml"
+    params, out = load_vehicle(file).params, folder / "otter_fitted.toml"
+    assert isinstance(params, Hull6DofParams)
+    guessed = {name: [DAMPED.get(f"{name}.{k}", x) for k, x in enumerate(getattr(params.hydrodynamics, name))]
+               for name in ("linear", "quadratic")}  # fmt: skip
+    changes = {"hydrodynamics": guessed}
+    model = load_vehicle(file, **changes)
     logs = [read_log(log, model)]
-    found = fit(str(file), logs, PRIORS, starts=1)
-    command.save(out, file, model, found, logs, {})
+    found = fit(str(file), logs, PRIORS, starts=1, changes=changes)
+    command.save(out, file, model, found, logs, changes)
     return sailed(out, {}, boat.ahead, boat.helm, HELM, True), command.lines(found, logs)
 
 

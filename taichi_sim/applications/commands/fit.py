@@ -60,9 +60,9 @@ PRIORS = {"mass": 0.02}  # a vessel can be weighed; assumed
 USUAL: dict[type[Vehicle], tuple[str, ...]] = {
     Manoeuvring3dof: ("mass", "I_z", "X_u", "X_uu", "X_uuu", "Y_v", "Y_vv", "N_r", "N_rr", "surge_force_max",
                       "yaw_moment_max"),
-    Hull6Dof: ("hydrodynamics.linear.0", "hydrodynamics.quadratic.0", "hydrodynamics.linear.5",
-               "hydrodynamics.quadratic.5", "hydrodynamics.added_mass.5", CROSS_FLOW, "hydrodynamics.lift",
-               "thrusters.lag"),
+    Hull6Dof: ("hydrodynamics.linear.0", "hydrodynamics.quadratic.0", "hydrodynamics.linear.1",
+               "hydrodynamics.linear.5", "hydrodynamics.quadratic.5", "hydrodynamics.added_mass.1",
+               "hydrodynamics.added_mass.5", CROSS_FLOW, "hydrodynamics.lift", "thrusters.lag"),
 }  # fmt: skip
 SEEN, DELAY = 3.0, 0.005  # a delay is reported from this many deviations, and this many seconds, on
 FAR = 4.0  # deviations of a prior beyond which a fitted number is doubtful

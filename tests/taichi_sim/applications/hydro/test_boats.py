@@ -49,9 +49,10 @@ def test_lift_and_coriolis_loads_make_the_whole_whatever_the_added_mass():
 
 
 @pytest.mark.slow
-def test_a_log_of_ten_minutes_closes_the_top_speed_and_the_turn_that_a_mesh_left_open(f64, tmp_path):
+def test_a_log_of_ten_minutes_closes_what_a_mesh_left_open_in_the_plane(f64, tmp_path):
     boat = boats.BOATS[0]
     true = boats.sailed(boat.truth, {}, boat.ahead, boat.helm, boats.HELM, rolls=False)
     after, _ = boats.ten_minutes(tmp_path)
     assert after.speed == pytest.approx(true.speed, rel=0.05)
     assert after.diameter == pytest.approx(true.diameter, rel=0.1)
+    assert after.overshoot == pytest.approx(true.overshoot, rel=boats.AIM)
