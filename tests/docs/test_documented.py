@@ -197,6 +197,7 @@ NEEDS = {
 OWN_TEST = ("docs/tutorials/", "CONTRIBUTING.md")  # test_tutorials.py; tools of developers have tests by name
 SHORT = {
     "rl.commands.evaluate": ("--episodes", "2"),
+    "rl.commands.odds": ("--effort", "8", "--relative", "0.9", *sets("episode_duration=4", "evaluation.settle=1")),
     "rl.commands.play": ("--duration", "1"),
     "rl.commands.tune": ("--rounds", "1", "--candidates", "2", "--episodes", "4"),
     "tools.compare": ("--episodes", "2"),
