@@ -60,6 +60,7 @@ class _Plan(NamedTuple):
 
     learned: list[tuple[int, dict[str, TrainedPolicy]]]  # iterations of the stage, and the learners' policies then
     frozen: dict[str, Policy]
+    given: list[str]  # frozen teams whose policy each process opens itself: it may not travel
     classical: bool
 
 
@@ -74,6 +75,8 @@ def check_stage(
     plan = ranks.broadcast(lambda: _plan(config, out, name))
     if plan is None:
         return
+    if plan.given:
+        plan.frozen.update({team: of for team, of in given_policies(config).items() if team in plan.given})
     contestants = [*(k for k, _ in plan.learned), *([CLASSICAL] if plan.classical else [])]
     place = ranks.here()
     own = contestants[place.rank :: place.count]
@@ -106,8 +109,10 @@ def _plan(config: Scenario, out: Path, name: str) -> _Plan | None:
     ]
     given = given_policies(config)
     acting = stage.acting if stage.acting is not None else [*given, *(t for t in config.trained if begun[t])]
-    frozen = {t: given.get(t) or load_policy(out, config, t, begun[t]) for t in acting if t not in stage.learners}
-    return _Plan(learned, frozen, not any(row["controller"] == "classical" for row in rows))
+    others = [team for team in acting if team not in stage.learners]
+    frozen: dict[str, Policy] = {t: load_policy(out, config, t, begun[t]) for t in others if t not in given}
+    classical = not any(row["controller"] == "classical" for row in rows)
+    return _Plan(learned, frozen, [t for t in others if t in given], classical)
 
 
 def _figures(
