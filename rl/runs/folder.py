@@ -134,7 +134,7 @@ def create(out: Path, config: Scenario, source: Path) -> None:
         for team, section in config.teams.items():
             file = vehicle_file(section, source)
             for own in vehicle_files(file, source):
-                shutil.copyfile(own, out / "vehicles" / own.name)
+                _keep(own, out / "vehicles" / own.name)
             saved[team] = section.model_copy(update={"vehicle": file.stem})
             _keep_plugin(read_toml(file).get("model"), [file.parent, source.parent], out)
             _keep_plugin(section.script, [source.parent], out)
@@ -205,6 +205,14 @@ def _keep_files(files: list[Path], out: Path, place: str) -> str:
     return f"{place}/{files[0].name}"
 
 
+def _keep(file: str | Path, place: str | Path) -> None:
+    """Copy a file into the run, which holds one file of a name."""
+    place = Path(place)
+    other = place.is_file() and place.read_bytes() != Path(file).read_bytes()
+    refuse(RunError, (other, f"{file}: another {place.name} is a file of this scenario, too: rename one of them"))
+    shutil.copyfile(file, place)
+
+
 def _keep_plugin(name: str | None, beside: list[Path], out: Path) -> None:
     """Copy the module of a `module:Class` into the run, unless installed, and what it imported from its folder, so that
     the run continues anywhere.
@@ -213,9 +221,10 @@ def _keep_plugin(name: str | None, beside: list[Path], out: Path) -> None:
         return
     for place in {own, *imported_from(own.parent)}:
         if place.is_dir():
-            shutil.copytree(place, out / place.name, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
+            ignored = shutil.ignore_patterns("__pycache__")
+            shutil.copytree(place, out / place.name, dirs_exist_ok=True, ignore=ignored, copy_function=_keep)
         else:
-            shutil.copyfile(place, out / place.name)
+            _keep(place, out / place.name)
 
 
 def load_config(run: Path, overrides=(), config: Path | None = None) -> tuple[Scenario, Path]:
