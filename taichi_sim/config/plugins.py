@@ -82,13 +82,10 @@ def _import(name: str, module_name: str, folders: list[Path]) -> ModuleType:
     # other modules of these names were imported from other folders
     others = {other for other, origin in _origins.items() if origin != folder}
     others = {other for other in others if other == top or (folder and _holds(folder, other))}
-    for key in [key for key in sys.modules if key.partition(".")[0] in others]:
-        del sys.modules[key]
+    aside = {key: sys.modules.pop(key) for key in list(sys.modules) if key.partition(".")[0] in others}
     if folder is None:
         return _imported(name, module_name)
-    if top not in sys.modules:
-        _origins[top] = folder
-    elif not _lies_in(sys.modules[top], folder):
+    if top in sys.modules and not _lies_in(sys.modules[top], folder):
         raise ConfigError(
             f"{name!r}: another {top} is in use already, of {getattr(sys.modules[top], '__file__', None)}: rename that "
             f"of {folder}"
@@ -102,12 +99,14 @@ def _import(name: str, module_name: str, folders: list[Path]) -> ModuleType:
         helpers = {key for key in sys.modules.keys() - before if "." not in key and _lies_in(sys.modules[key], folder)}
         _origins.update(dict.fromkeys(helpers, folder))
         _tops.setdefault(folder, set()).update({top, *helpers})
+        # what this one did not need stays where pickle finds it
+        sys.modules.update({key: of for key, of in aside.items() if key.partition(".")[0] not in helpers})
 
 
 def _lies_in(top: ModuleType, folder: Path) -> bool:
     """Whether an imported top-level module or package comes from `folder`."""
     places = getattr(top, "__path__", None) or [getattr(top, "__file__", None) or ""]
-    return any(place and Path(place).resolve().parent == folder for place in places)
+    return any(place and Path(place).parent.resolve() == folder for place in places)
 
 
 def _imported(name: str, module_name: str) -> ModuleType:

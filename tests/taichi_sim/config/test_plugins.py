@@ -1,5 +1,6 @@
 """Vehicles of somebody else's: where their modules are found, what is said of those that are not, how they move."""
 
+import pickle
 import shutil
 import sys
 
@@ -123,6 +124,18 @@ def test_each_module_has_the_helpers_beside_it_and_they_are_found_for_a_run(tmp_
         (folder / f"my_{name}.py").write_text(f"from my_helper import NAMES\n{text}")
         assert load_class(f"my_{name}:MyBoat", Vehicle, [folder]).varying == (name,)
         assert {place.name for place in imported_from(folder)} == {"my_helper.py", f"my_{name}.py"}
+
+
+def test_a_class_passes_between_processes_whatever_lies_beside_the_next_one(tmp_path):
+    """A run's folder holds copies of modules that lie beside each other elsewhere, too (some as links)."""
+    for name in ("run", "home"):
+        (tmp_path / name).mkdir()
+        for module in ("my_boat", "my_tug"):
+            (tmp_path / name / f"{module}.py").symlink_to(MODULE)
+    kind = load_class("my_boat:MyBoat", Vehicle, [tmp_path / "run"])
+    load_class("my_tug:MyBoat", Vehicle, [tmp_path / "home"])
+    assert pickle.loads(pickle.dumps(kind)) is kind is load_class("my_boat:MyBoat", Vehicle, [tmp_path / "run"])
+    assert load_class("my_boat:MyBoat", Vehicle, [tmp_path / "home"]) is not kind
 
 
 def test_a_copy_of_a_world_has_its_vehicles_whatever_the_file_says_by_now(write, tmp_path, monkeypatch):
