@@ -149,7 +149,7 @@ class Sea:
 
     def __reduce__(self) -> tuple[type["Sea"], tuple[Components, float | None]]:
         """Build it anew from its components, in another process or of a pickle."""
-        return Sea, (self.components, self.depth)
+        return type(self), (self.components, self.depth)
 
     @classmethod
     def from_config(cls, config: SeaConfig, seed: int) -> "Sea":
