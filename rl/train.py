@@ -67,7 +67,9 @@ def main(argv: list[str] | None = None) -> None:
         return
     with ranks.joined(args.arch) as place:
         shared.agree(config, source)
-        ranks.broadcast(lambda: None if args.resume else run_folder.begin(out, config, source))
+        if not args.resume:
+            ranks.broadcast(lambda: run_folder.begin(out, config, source))
+            config, source = run_folder.load_config(out)  # its copies, whatever becomes of the files they were made of
         with contextlib.ExitStack() as held:
             if place.first:
                 held.enter_context(run_folder.lock(out))
@@ -80,14 +82,14 @@ def main(argv: list[str] | None = None) -> None:
                 shared.tell_corrected(config)
                 shared.tell_replaced(config, args.overrides)
             summary = run_main_job(
-                config, out, source=source, show_progress=not args.quiet, watch=watch, logger=args.logger,
+                config, out, show_progress=not args.quiet, watch=watch, logger=args.logger,
                 evaluated=not args.no_evaluation,
             )  # fmt: skip
             if place.first and args.no_evaluation:
                 print(f"trained; evaluate it by: {run_folder.resuming(out)}")
     if summary is None:
         return
-    print(report(summary["evaluation"], config, out / run_folder.CONFIG))
+    print(report(summary["evaluation"], config, source))
     print(f"summary:   {out / 'summary.json'}\nfigures:   {out / 'figures'}")
     print(f"report:    {out / 'report.html'}")
     print(f"recording: {shlex.join(('rerun', str(out / 'episode.rrd')))}")

@@ -51,8 +51,8 @@ def train_stages(
 ) -> list[StageResult]:  # fmt: skip
     """Train every stage that is not finished in `out`, from its last checkpoint; return the stages' results.
 
-    With several processes, each has its share of a stage's environments; rank 0 alone reads and writes
-    `out`.
+    With several processes, each has its share of a stage's environments; rank 0 alone reads and writes what this leaves
+    in `out`.
 
     Vehicle files lie beside the scenario's file `source`. `dumps` is a folder for environments whose state stopped
     being finite (taichi_sim/state/divergence_dump.py). Without `judged`, every stage is kept.

@@ -44,14 +44,14 @@ FILM_SIZE, FILM_FPS, FILM_S = (720, 450), 8.0, 10.0  # of the film: px, pictures
 
 
 def run_main_job(
-    config: Scenario, out: Path, *, source: Path | None = None, show_progress: bool = True, watch: Watch | None = None,
-    logger: str = "tensorboard", evaluated: bool = True,
+    config: Scenario, out: Path, *, show_progress: bool = True, watch: Watch | None = None, logger: str = "tensorboard",
+    evaluated: bool = True,
 ) -> Summary | None:  # fmt: skip
-    """Train, evaluate, record and draw into the run folder `out`; return the content of summary.json.
+    """Train, evaluate, record and draw the scenario of the run folder `out`; return the content of summary.json.
 
-    With several processes, only rank 0 writes to `out`. The other ranks read their scenario from
-    `source` and return None. `watch` is called after each training step. `logger` is "tensorboard", "wandb" or "none".
-    Unless it is to be `evaluated`, it ends with training, and None is returned.
+    All processes read the vehicles and modules of `out`, because objects of these modules pass between them. Only rank
+    0 writes there; the others return None. `watch` is called after each training step. `logger` is "tensorboard",
+    "wandb" or "none". Unless it is to be `evaluated`, it ends with training, and None is returned.
 
     Raises:
         KeyboardInterrupt: on Ctrl-C, after a checkpoint; the message says how to continue.
@@ -59,8 +59,7 @@ def run_main_job(
     if not config.stages:
         raise ConfigError("stages: the scenario has none: there is nothing to train")
     check_measurable(config)
-    first = ranks.here().first
-    source = out / run_folder.CONFIG if first else source
+    source = out / run_folder.CONFIG
     start = time.perf_counter() - sum(spent(out / team / HISTORY).seconds for team in config.trained)
     checkup = partial(check_stage, config, out, source=source, events=logger != "none", show_progress=show_progress)
     try:

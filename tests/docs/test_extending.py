@@ -4,11 +4,14 @@ import re
 from pathlib import Path
 
 import pytest
-from command_line import ROOT, printed
+from command_line import ROOT, printed, sets
+
+from rl.evaluation.episodes import CHUNK
 
 PAGE = ROOT / "docs" / "extending.md"
 BLOCK = re.compile(r"^```\w+ file=(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-FEW = ("--set", "stages.first.iterations=2", "--set", "evaluation.episodes=2", "--set", "episode_duration=5")
+EPISODES = CHUNK + 1  # of two processes each judges some
+FEW = sets("stages.first.iterations=2", f"evaluation.episodes={EPISODES}", "episode_duration=2")
 
 
 @pytest.fixture(scope="module")
@@ -30,13 +33,16 @@ def test_the_vehicle_is_driven_alone(folder):
     assert "1.666" in text
 
 
-def test_the_mission_is_trained_evaluated_recorded_and_judged_by_its_own_figures(folder):
-    """Nothing of the repository is touched: the files of the mission are its own."""
-    printed("rl.train", "--config", "rendezvous.toml", "--out", "run", *FEW, cwd=folder)
-    told = printed("rl.commands.evaluate", "run", "--episodes", "2", cwd=folder)
+@pytest.mark.parametrize("processes", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_the_mission_is_trained_evaluated_recorded_and_judged_by_its_own_figures(processes, folder):
+    """Nothing of the repository is touched: the files of the mission are its own. Processes exchange its objects."""
+    out, shared = f"run_{processes}", ("--processes", processes)
+    printed("rl.train", "--config", "rendezvous.toml", "--out", out, *shared, *FEW, cwd=folder)
+    other = sets("ferries.vehicle=ferry.toml")  # that of `folder`, where the mission lies, too
+    told = printed("rl.commands.evaluate", out, "--episodes", EPISODES, *shared, *other, cwd=folder)
     assert "final_distance_m" in told
-    assert {"ferry.py", "rendezvous.py"} <= {file.name for file in (folder / "run").rglob("*.py")}
-    assert (folder / "run" / "episode.rrd").is_file()
+    assert {"ferry.py", "rendezvous.py"} <= {file.name for file in (folder / out).rglob("*.py")}
+    assert (folder / out / "episode.rrd").is_file()
 
 
 def test_a_shipped_mission_is_changed_by_sections_and_by_classes(folder):

@@ -1,13 +1,15 @@
 """A mission of somebody else's, by the contract alone: two teams of one kind learn in turn, a script steers a third."""
 
+import inspect
 import json
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
-from command_line import onnx_session
+from command_line import onnx_session, sets
 from folders import PLUGINS
 from refusal import assert_says
 
@@ -19,7 +21,9 @@ from rl.learn.progress import read_history
 from rl.learn.stages import train_stages
 from rl.missions import load_scenario, make_mission
 from rl.runs import folder as run_folder
-from taichi_sim.config.io import config_folder
+from rl.runs import main_job
+from rl.scenario import Scenario
+from taichi_sim.config.io import config_folder, vehicle_file
 from taichi_sim.world import World
 
 FILE = PLUGINS / "buoys.toml"
@@ -39,6 +43,34 @@ def trained(config, tmp_path_factory) -> Path:
     copy, source = run_folder.load_config(out)
     train_stages(copy, out, source=source, show_progress=False)
     return out
+
+
+def test_a_run_keeps_no_file_in_place_of_another_of_its_name(tmp_path):
+    """The teams of a run would all have the vehicle, or the module, that was copied last."""
+    text = (config_folder() / "vehicles" / "unity_boat.toml").read_text()
+    for name, more in (("one", ""), ("two", "\n"), ("three", "\n")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "boat.toml").write_text(text + more)
+
+    def create(boats: str, scouts: str) -> None:
+        vehicles = [f"{team}.vehicle={tmp_path}/{of}/boat.toml" for team, of in (("boats", boats), ("scouts", scouts))]
+        run_folder.create(tmp_path / "run", load_scenario(FILE, vehicles), FILE)
+
+    with pytest.raises(run_folder.RunError, match="two.boat.toml: another boat.toml is a file of this scenario, too"):
+        create("one", "two")
+    assert not (tmp_path / "run").exists()
+    create("two", "three")  # the same in two places
+
+
+def test_a_training_reads_the_copies_in_its_folder(here, tmp_path, monkeypatch):
+    """All its processes do, and exchange objects of their classes; other files may change meanwhile."""
+    boat = shutil.copy(config_folder() / "vehicles" / "unity_boat.toml", tmp_path / "my_boat.toml")
+    seen: list[Scenario] = []
+    monkeypatch.setattr(main_job, "run_main_job", lambda config, out, **options: seen.append(config))
+    out = tmp_path / "run"
+    assert here("rl.train", "--config", FILE, "--out", out, *sets(f"boats.vehicle={boat}")).status == 0
+    assert Path(inspect.getfile(type(seen[0]))) == out / "buoys.py"
+    assert vehicle_file(seen[0].teams["boats"], out / "config.toml") == out / "vehicles" / "my_boat.toml"
 
 
 def ferry(mission) -> float:
