@@ -39,6 +39,7 @@ from taichi.types.annotations import template
 
 from taichi_sim.config.machine import own_cores
 from taichi_sim.errors import UserError
+from taichi_sim.kernels import kept
 
 Precision = Literal["f32", "f64"]
 array1, array2, array3, array4, array5 = cast(Any, [ti.types.ndarray(ndim=n) for n in range(1, 6)])
@@ -549,12 +550,8 @@ class Launcher:
         form = (serial, *map(_form, args, self._templates))
         if form not in self._compiled:
             primal = _on_one_thread(self._primal) if serial else self._primal
-            with loop.run(serial), without_passes() if self._plain else contextlib.nullcontext():
-                key = primal.ensure_compiled(*self._owner, *args)
-                kernel, program = primal.compiled_kernels[key], impl.get_runtime().prog
-                with _telling():
-                    compiled = program.compile_kernel(program.config(), program.get_device_caps(), kernel)
-            self._compiled[form] = kernel, compiled
+            with loop.run(serial), without_passes() if self._plain else contextlib.nullcontext(), _telling():
+                self._compiled[form] = kept.compiled(primal, self._owner, args, (PATCHED, form))
         kernel, compiled = self._compiled[form]
         context = kernel.make_launch_context()
         given = [value for value, fixed in zip(args, self._templates, strict=True) if not fixed]
