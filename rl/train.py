@@ -8,8 +8,6 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from taichi_sim.options import port, seed
-
 if TYPE_CHECKING:
     from rl.scenario import Scenario
 
@@ -20,6 +18,7 @@ if __package__ in (None, ""):  # run as a script: the packages are beside this f
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
     from rl.commands import shared
+    from taichi_sim.options import port, seed
 
     p = argparse.ArgumentParser(
         description=__doc__,
@@ -49,7 +48,7 @@ def main(argv: list[str] | None = None) -> None:
     from rl.commands import shared
     from rl.runs import folder as run_folder
     from rl.runs import ranks, torchrun
-    from rl.runs.main_job import report, run_main_job
+    from rl.runs.main_job import FIGURES, report, run_main_job
     from rl.runs.watch import refuse_used, training_view
     from taichi_sim.errors import needs
 
@@ -90,7 +89,9 @@ def main(argv: list[str] | None = None) -> None:
     if summary is None:
         return
     print(report(summary["evaluation"], config, source))
-    print(f"summary:   {out / 'summary.json'}\nfigures:   {out / 'figures'}")
+    print(f"summary:   {out / 'summary.json'}")
+    if (out / FIGURES).exists():
+        print(f"figures:   {out / FIGURES}")
     print(f"report:    {out / 'report.html'}")
     print(f"recording: {shlex.join(('rerun', str(out / 'episode.rrd')))}")
 

@@ -6,8 +6,6 @@ import sys
 from contextlib import nullcontext
 from pathlib import Path
 
-from taichi_sim.options import output, positive_int, table
-
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
@@ -16,6 +14,7 @@ def parser() -> argparse.ArgumentParser:
     """The arguments."""
     from rl.commands import shared
     from rl.missions import find_mission, shipped
+    from taichi_sim.options import output, positive_int, table
 
     p = argparse.ArgumentParser(
         description=__doc__,

@@ -6,8 +6,6 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from taichi_sim.options import output, positive_float, positive_int
-
 if TYPE_CHECKING:
     from rl.evaluation.odds.estimate import Question
     from rl.evaluation.odds.film import Line
@@ -21,6 +19,7 @@ CONTROLLERS = ("policy", "untrained", "classical")  # planners have a memory of 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
     from rl.commands import shared
+    from taichi_sim.options import output, positive_float, positive_int
 
     p = argparse.ArgumentParser(description=__doc__, epilog="docs/odds.md explains what is printed.")
     shared.add_run(p, CONTROLLERS)

@@ -43,7 +43,7 @@ from taichi_sim.applications.fit.sample_selection import SENSORS
 from taichi_sim.applications.fit.synthetic_logs import write_logs
 from taichi_sim.applications.fit.windows import SECONDS, members, window_seconds
 from taichi_sim.config import ConfigError, TeamConfig
-from taichi_sim.config.io import vehicle_file
+from taichi_sim.config.io import replacing, vehicle_file
 from taichi_sim.errors import command, named
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rigid_body import changed_mass
@@ -275,8 +275,9 @@ def save(
     for beside in vehicle_files(file)[1:]:
         if not (copy := out.parent / beside.name).exists():
             print(shutil.copy(beside, copy))
-    out.write_text(f"# Numbers marked as fitted are of {today}, from\n{of}{text}", encoding="utf-8")
-    load_vehicle(out)
+    with replacing(out) as part:
+        part.write_text(f"# Numbers marked as fitted are of {today}, from\n{of}{text}", encoding="utf-8")
+        load_vehicle(part, source=out)
     print(out)
 
 
