@@ -16,6 +16,7 @@ import torch
 from folders import ROOT
 from taichi.lang import impl
 
+from rl.learn.policy import policies_of
 from rl.missions import load_scenario, make_mission
 from taichi_sim.kernels import kept, runtime
 
@@ -250,8 +251,9 @@ def test_all_python_that_a_kernel_is_made_by_is_in_its_digest(scenario, monkeypa
     monkeypatch.setattr(kept._Walk, "end", remember)
     monkeypatch.setattr(kept, "build_stmts", watched)
     monkeypatch.setattr(kept, "_kept", lambda made: look(made) and False)
-    mission = make_mission(load_scenario(scenario), 32, seed=0)
+    config = load_scenario(scenario)
+    mission = make_mission(config, 32, seed=0)
     for _ in range(2):
-        mission.step({name: torch.zeros(32, t.fleet.count, len(t.action_names)) for name, t in mission.teams.items()})
+        mission.step(policies_of("classical", ROOT, config))
     assert missed == set()
     assert not [name for name in kept.unkeyed if name.partition(".")[0] in kept.OURS]
