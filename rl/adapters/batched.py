@@ -235,7 +235,7 @@ def policy_of_other(other: str | Path, team: Team, config: Scenario) -> Policy:
     if other == "constant":
         return lambda team: VehicleActions(torch.zeros_like(team.action))
     if other == "classical":
-        from rl.learn.policy import ClassicalPolicy  # rsl-rl doubles the time to import
+        from rl.learn.policy import ClassicalPolicy
 
         policy: Policy = ClassicalPolicy()
     elif str(other) == "pretrained" or str(other).endswith(".onnx") or is_plugin(str(other)):

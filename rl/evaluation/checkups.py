@@ -14,9 +14,9 @@ from tqdm import tqdm
 
 from rl.evaluation.episodes import mission_class, one_episode_each, run_episodes
 from rl.judge import Episodes, Judge, finite
+from rl.learn.history import CHECKUPS, HISTORY, read_rows, spent, write_rows
 from rl.learn.policy import UNTRAINED, ClassicalPolicy, TrainedPolicy, checkpoints, load_policy
 from rl.learn.policy_sources import given_policies
-from rl.learn.progress import CHECKUPS, HISTORY, read_rows, spent, write_rows
 from rl.mission import ControllerError, Mission, Policy, Team, VehicleActions
 from rl.runs import ranks
 from rl.runs.folder import Figures

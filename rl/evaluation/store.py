@@ -20,7 +20,7 @@ from rl.evaluation.episodes import EvaluationOutcome, mission_class, shown_numbe
 from rl.evaluation.sweeps import FOLDER as SWEEPS
 from rl.evaluation.sweeps import JSON, SweepTable
 from rl.judge import Judge
-from rl.learn.progress import HISTORY, team_history
+from rl.learn.history import HISTORY, team_history
 from rl.mission import Histories
 from rl.runs import folder as run_folder
 from rl.runs.folder import EvaluationResult, Meta, RunError, Summary

@@ -7,10 +7,9 @@ import zlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import torch
-from rsl_rl.models import MLPModel, RNNModel
-from tensordict import TensorDict
 from torch import Tensor
 
 from rl.mission import ControllerError, Policy, Team, VehicleActions
@@ -18,6 +17,9 @@ from rl.planning.planner import HonestPlanner, Planner
 from rl.scenario import Scenario, StageConfig
 from taichi_sim.config.io import replacing
 from taichi_sim.errors import UserError, refuse
+
+if TYPE_CHECKING:  # rsl-rl takes as long to import as torch: it is, where a network is made
+    from rsl_rl.models import MLPModel
 
 UNREADABLE = (RuntimeError, EOFError, OSError, ValueError, LookupError, AttributeError, TypeError,
               pickle.UnpicklingError, zipfile.BadZipFile, zlib.error)  # fmt: skip
@@ -49,8 +51,11 @@ def actor_config(stage: StageConfig) -> dict:
     }
 
 
-def make_actor(stage: StageConfig, observations: int, actions: int) -> MLPModel:
+def make_actor(stage: StageConfig, observations: int, actions: int) -> "MLPModel":
     """A stage's actor network, with initial weights."""
+    from rsl_rl.models import MLPModel, RNNModel
+    from tensordict import TensorDict
+
     options = actor_config(stage)
     kind = {"MLPModel": MLPModel, "RNNModel": RNNModel}[options.pop("class_name")]
     example = TensorDict({"policy": torch.zeros(1, observations)}, batch_size=[1])
@@ -96,12 +101,13 @@ def checkpoints(folder: Path) -> list[Path]:
 class TrainedPolicy:
     """A trained actor with frozen weights; it acts by its mean action, without random numbers."""
 
-    def __init__(self, actor: MLPModel, signature: Mapping[str, Sequence[str]] | None = None, source: str = "policy"):
+    def __init__(self, actor: "MLPModel", signature: Mapping[str, Sequence[str]] | None = None, source: str = "policy"):
         """Freeze an actor; `signature` names its observations and actions, `source` its file, for messages."""
         self.actor, self.source = actor.eval().requires_grad_(False), source
         self.signature = dict(signature or {})
         self._fits: Team | None = None  # the last team that passed `check`
-        self.memory = actor.rnn.rnn.hidden_size if isinstance(actor, RNNModel) else 0  # numbers, of each vehicle
+        memory = getattr(actor, "rnn", None)
+        self.memory = 0 if memory is None else memory.rnn.hidden_size  # numbers, of each vehicle
 
     @classmethod
     def load(cls, file: Path, stage: StageConfig) -> "TrainedPolicy":
@@ -153,6 +159,8 @@ class TrainedPolicy:
                 f"{self.source}: this policy was trained on {self.num_observations} observations and the scenario "
                 f"gives {observations.shape[-1]}: observations and sensing must be those of its training"
             )
+        from tensordict import TensorDict
+
         with torch.no_grad():
             rows = observations.flatten(0, 1).float()
             self.actor.reset(hidden_state=None if memory is None else memory.reshape(1, len(rows), -1))

@@ -11,6 +11,7 @@ from rsl_rl.runners import OnPolicyRunner
 from tqdm import tqdm
 
 from rl.learn.env import MissionEnv
+from rl.learn.history import COLUMNS, HISTORY, spent, trim_history
 from rl.learn.improvement import PlannedImprovement
 from rl.learn.policy import (
     OBS_GROUPS,
@@ -23,7 +24,7 @@ from rl.learn.policy import (
     write_checkpoint,
 )
 from rl.learn.ppo import LeanPPO, RecurrentPPO
-from rl.learn.progress import COLUMNS, HISTORY, ProgressLogger, spent, trim_history, writer_config
+from rl.learn.progress import ProgressLogger, writer_config
 from rl.learn.start_from import STARTED, fit_actor
 from rl.runs import ranks, signals
 from rl.scenario import StageConfig

@@ -13,6 +13,7 @@ import torch
 
 from rl.learn.env import Learner, MissionEnv, Watch
 from rl.learn.export import ONNX, TORCHSCRIPT, export_policy
+from rl.learn.history import HISTORY, spent
 from rl.learn.joint_learner import JointLearner
 from rl.learn.policy import (
     Policy,
@@ -23,7 +24,6 @@ from rl.learn.policy import (
     write_checkpoint,
 )
 from rl.learn.policy_sources import given_policies
-from rl.learn.progress import HISTORY, spent
 from rl.learn.results import Batch, StageResult, Verdict
 from rl.learn.runner import StageRunner
 from rl.missions import make_mission

@@ -21,9 +21,9 @@ from rl.evaluation.headroom import judge_on_bounds, read_bounds
 from rl.evaluation.report import write_report
 from rl.evaluation.store import FILM, save_evaluation, save_headroom
 from rl.learn.env import Watch
+from rl.learn.history import HISTORY, spent, team_history
 from rl.learn.policy import UNTRAINED, load_policy, policies_of
 from rl.learn.policy_sources import given_policies
-from rl.learn.progress import HISTORY, spent, team_history
 from rl.learn.stages import Observers, train_stages
 from rl.mission import Policy
 from rl.runs import folder as run_folder

@@ -145,6 +145,7 @@ def _properties(kind: type[BaseModel]) -> list[tuple[str, tuple[Plausible, ...]]
     return [(name, ranges) for name, notes in given if (ranges := _unwrapped(notes.get("return"))[1])]
 
 
+@cache
 def _unwrapped(kind: Any) -> tuple[Any, tuple[Plausible, ...]]:
     """A type without `Annotated` and `| None`, and the ranges there."""
     if typing.get_origin(kind) in (Union, types.UnionType):

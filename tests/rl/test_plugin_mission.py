@@ -16,8 +16,8 @@ from refusal import assert_says
 from rl.adapters.gymnasium import TeamVectorEnv
 from rl.evaluation.episodes import judge_episodes, one_episode_each
 from rl.judge import Judge
+from rl.learn.history import read_history
 from rl.learn.policy import CheckpointError, TrainedPolicy, load_policy, policies_of
-from rl.learn.progress import read_history
 from rl.learn.stages import train_stages
 from rl.missions import load_scenario, make_mission
 from rl.runs import folder as run_folder

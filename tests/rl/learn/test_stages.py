@@ -9,10 +9,10 @@ import torch
 from command_line import ITERATIONS, TINY, forget, iterations, sets
 
 from rl.evaluation.episodes import judge_episodes
+from rl.learn.history import read_rows
 from rl.learn.policy import TrainedPolicy, checkpoints, read_checkpoint
 from rl.learn.policy_sources import RowPolicy, policies_from, shipped_files, shipped_policies
 from rl.learn.ppo import STEP
-from rl.learn.progress import read_rows
 from rl.learn.stages import train_stages
 from rl.learn.start_from import exported_weights
 from rl.missions import load_scenario, make_mission

@@ -152,11 +152,10 @@ class Hydrostatics:
 
     def stiffness(self, pose: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
         """Second derivatives of the energy by heave, roll and pitch, [..., 3, 3]; upright, this is G about CO."""
-        pose = np.asarray(pose, dtype=np.float64)[..., None, :]
-        h = STEP * np.eye(3)
-        near = self.energy_gradient(pose + h) - self.energy_gradient(pose - h)
-        far = self.energy_gradient(pose + 2 * h) - self.energy_gradient(pose - 2 * h)
-        return np.swapaxes(8 * near - far, -1, -2) / (12 * STEP)
+        pose = np.asarray(pose, dtype=np.float64)[..., None, None, :]
+        steps = np.array([-2.0, -1.0, 1.0, 2.0])[:, None, None] * STEP * np.eye(3)
+        gradients = self.energy_gradient(pose + steps)  # [..., step, of, by]
+        return np.einsum("s,...sij->...ji", [1.0, -8.0, 8.0, -1.0], gradients) / (12 * STEP)
 
     @cached_property
     def volume(self) -> float:

@@ -14,7 +14,7 @@ from recorded import AMPLITUDE_M, assert_nothing_is_empty, circling_team, column
 from rerun.chunk import RrdReader
 
 from rl.evaluation.training_figures import judged, levels_of, training_figures
-from rl.learn.progress import read_history, team_history
+from rl.learn.history import read_history, team_history
 from rl.mission import History
 from rl.missions.formation import figures
 from rl.missions.formation.figures import write_figures
