@@ -38,7 +38,7 @@ from typing import Any, cast
 import numpy as np
 import taichi as ti
 import torch
-from pydantic import BaseModel
+from pydantic import VERSION, BaseModel
 from taichi._lib import core
 from taichi.lang import impl, kernel_impl
 from taichi.lang.argpack import ArgPackType
@@ -163,7 +163,7 @@ def _kept(made: Any) -> bool:
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    """Within this context, what Taichi prints of an error is not seen."""
+    """Within this context, of a millisecond, nothing printed is seen: Taichi prints each of its errors."""
     kept: dict[int, int] = {}
     with open(os.devnull, "wb") as nowhere:
         try:
@@ -199,7 +199,7 @@ class _Walk:
             if not name.startswith("offline_cache"):
                 self._note(name)
                 self.take(getattr(impl.current_cfg(), name))
-        self._note(platform.python_version(), np.__version__, torch.__version__, ti.__version__)
+        self._note(platform.python_version(), np.__version__, torch.__version__, ti.__version__, VERSION)
         return self._sum.hexdigest()
 
     def take(self, value: object) -> None:
