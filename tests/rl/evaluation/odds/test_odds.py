@@ -231,6 +231,7 @@ def missions_held() -> int:
     return sum(issubclass(type(one), Mission) for one in gc.get_objects())
 
 
+@pytest.mark.slow
 def test_the_command_tells_keeps_and_repeats(small, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(splitting, "COMMON", 1.0)
     given = ["otter", "--team", "usv", "--of", "lost", "--set", "usv.lost_distance=9", *SHORT, "--effort", "64"]
