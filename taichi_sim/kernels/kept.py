@@ -81,7 +81,7 @@ def compiled(kernel: Kernel, owner: Sequence[object], args: Sequence[object], fo
 
 def digest(kernel: Kernel, owner: Sequence[object], form: Hashable) -> str | None:
     """Return the digest of all that a kernel's instructions are made from (see `compiled`); None if there is none."""
-    names = set(FOLLOWED)
+    names = {name for name in FOLLOWED if name.startswith("__")}  # which no code names
     while True:
         walk = _Walk(names)
         walk.take((kernel.func, [argument.annotation for argument in kernel.arguments], list(owner), form))
@@ -300,6 +300,10 @@ class _Walk:
         for base in kind.__mro__:
             slots = vars(base).get("__slots__", ())
             own |= {name: getattr(value, name) for name in slots if not name.startswith("__") and hasattr(value, name)}
+            for name, item in vars(base).items():
+                if isinstance(item, functools.cached_property):  # the same whether it was asked for before or not
+                    own.pop(name, None)
+                    own |= {name: getattr(value, name)} if name in self._known else {}
         if record:
             self.take(own)
         else:
