@@ -18,7 +18,7 @@ from rl.scenario import Scenario, StageConfig
 from taichi_sim.config.io import replacing
 from taichi_sim.errors import UserError, refuse
 
-if TYPE_CHECKING:  # rsl-rl takes as long to import as torch: it is, where a network is made
+if TYPE_CHECKING:  # rsl-rl takes as long to import as torch, so only what makes a network imports it
     from rsl_rl.models import MLPModel
 
 UNREADABLE = (RuntimeError, EOFError, OSError, ValueError, LookupError, AttributeError, TypeError,
