@@ -13,14 +13,16 @@ others belong to the host, and reach its state. There is no digest of a kernel t
 user's vehicle, or a file that was changed while this process ran: Taichi reads it at each start.
 
 To look into its cache, Taichi must be asked to compile. It is asked first for an architecture for which it cannot
-(`NONE`): its error says whether a kernel was found, and the kernel has its key. This uses internals of Taichi 1.7, the
-version that pyproject.toml pins.
+(`NONE`): its error says whether a kernel was found, and the kernel has its key. If another program empties the cache
+just then, Taichi compiles the key alone: the kernel is made again under another key, and nothing that the process
+compiles is kept. This uses internals of Taichi 1.7, the version that pyproject.toml pins.
 """
 
 # Taichi has no types for its internals.
 # pyright: reportOptionalMemberAccess=false, reportAttributeAccessIssue=false
 
 import ast
+import ctypes
 import functools
 import hashlib
 import linecache
@@ -127,21 +129,28 @@ def _made(kernel: Kernel, args: Sequence[object], key: str) -> tuple[Any, object
             with building(made), context.variable_scope_guard():
                 build_stmts(context, whole)
     data = program.compile_kernel(program.config(), program.get_device_caps(), made)
-    if kept and not before <= _files():  # it may be compiled of its key alone, and must not be kept
-        print(f"{_folder()}: files were removed while kernels were read; start again", file=sys.stderr, flush=True)
-        os._exit(1)
+    if kept and not before <= _files():  # another program emptied the cache: Taichi may have compiled the key alone
+        _end_without_keeping()
+        return _made(kernel, args, hashlib.sha256(key.encode()).hexdigest())
     return made, data
 
 
-def _folder() -> str:
-    return impl.current_cfg().offline_cache_file_path
-
-
-def _files() -> set[str]:
-    """Names of the kernels that Taichi keeps."""
-    with suppress(FileNotFoundError):
-        return {name for name in os.listdir(_folder()) if name.endswith(".tic")}
+def _files() -> set[tuple[str, int]]:
+    """Names and numbers of the files of kernels that Taichi keeps."""
+    with suppress(FileNotFoundError), os.scandir(impl.current_cfg().offline_cache_file_path) as found:
+        return {(file.name, file.inode()) for file in found if file.name.endswith(".tic")}
     return set()
+
+
+def _end_without_keeping() -> None:
+    """Let the program end without its own end, in which Taichi writes what it compiled to its cache."""
+    run = impl.get_runtime()
+
+    def clear() -> None:
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(run.prog))
+        run.prog, run.materialized = None, False
+
+    run.clear = clear
 
 
 def _kept(made: Any) -> bool:

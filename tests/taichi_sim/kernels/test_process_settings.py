@@ -176,9 +176,13 @@ if __name__ == "__main__":
 
 def run(file, code, *arguments):
     file.write_text(code)
-    path = {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    settings = {
+        "PYTHONPATH": str(ROOT),
+        "OMP_NUM_THREADS": "1",
+        "TI_OFFLINE_CACHE_CLEANING_POLICY": "never",  # else `OWN` does, at 100 MiB, of what other tests compiled
+    }
     return subprocess.run(
-        [sys.executable, file, *arguments], capture_output=True, text=True, timeout=240, env=os.environ | path
+        [sys.executable, file, *arguments], capture_output=True, text=True, timeout=240, env=os.environ | settings
     )
 
 
