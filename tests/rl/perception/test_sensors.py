@@ -73,13 +73,15 @@ def test_distance_outside_is_to_the_nearest_point_of_the_solid():
     axis, radius, height = torch.tensor([500.0, -300.0]), 6.0, 15.0
     offset = (torch.rand((200, 2), generator=generator) - 0.5) * 40
     altitude = torch.rand(200, generator=generator) * 30
-    for d, up in zip(offset.tolist(), altitude.tolist(), strict=True):
-        rho = math.hypot(*d)
-        foot = (max(rho, radius) - radius, max(up, height) - height)
-        if max(foot) > 0:
-            position = (axis[0].item() + d[0], axis[1].item() + d[1], -up)
-            sensed = distance(position, (*axis.tolist(), radius, height))
-            assert sensed == pytest.approx(min(math.hypot(*foot), REACH), abs=1e-3)
+    rho = offset.norm(dim=-1)
+    foot = torch.hypot((rho - radius).clamp(min=0.0), (altitude - height).clamp(min=0.0))
+    positions = torch.cat((axis + offset, -altitude.unsqueeze(-1)), dim=-1).unsqueeze(1)
+    sensor = Sensor(team(positions), 1, 0, REACH, 1.0)
+    sensor.look(torch.tensor([[[*axis.tolist(), radius, height]]]), torch.zeros(200, dtype=torch.int64))
+    outside = foot > 0
+    assert 100 < int(outside.sum()) < 200
+    sensed = sensor.obstacles[:, 0, 0, 0]
+    torch.testing.assert_close(sensed[outside], foot[outside].clamp(max=REACH), atol=1e-3, rtol=0)
 
 
 def test_obstacles_come_nearest_first_with_unit_directions_to_their_axes():

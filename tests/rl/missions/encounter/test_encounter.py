@@ -23,6 +23,8 @@ from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import torch_heading
 from taichi_sim.kernels.runtime import array2
 
+# One wave component, and 35 own ships or more: one kernel of theirs serves all tests.
+SMALL = ("sea.components=1", "sea.realisations=4")
 CALM = ("sea.hs=0", "sea.components=1", "sea.realisations=1", "sea.current.speed=0", "air.speed=0", "vary={}")
 EXACT = ("ais.loss=0", "ais.place_noise=0", "ais.speed_noise=0", "ais.carried=1", "radar.misses=0",
          "radar.range_noise=0", "radar.range_share=0", "radar.bearing_noise_deg=0", "radar.period=1")  # fmt: skip
@@ -36,7 +38,7 @@ def _gaps(out: array2, a: array2, b: array2):
         out[n, 0] = rectangle_gap(at, ac, as_, a[n, 3], a[n, 4], to, bc, bs, b[n, 3], b[n, 4])
 
 
-def _boundary(row, points=200):
+def _boundary(row, points=100):
     """Points [.., 2] all over a rectangle (north, east, heading, length, beam), its inside, too."""
     side = np.linspace(-0.5, 0.5, points // 10)
     x, y = np.meshgrid(side * row[3], side * row[4])
@@ -202,18 +204,18 @@ def test_behaviours_are_drawn_as_danger_comes_and_futures_branch():
     mission = make_mission(config, 4, seed=5)
     ships = mission.world.scripts["traffic"].ships
     assert not ships[..., Sailing.BEHAVIOUR].any()
-    futures = mission.fork([0], copies=64, noise="own")
-    same = mission.fork([0], copies=2)
+    futures = mission.fork([0], copies=36, noise="own")
+    same = mission.fork([0], copies=36)
     for _ in range(200):
-        futures.step({"usv": torch.zeros((64, 1, 2))}, begin=False)
-        same.step({"usv": torch.zeros((2, 1, 2))}, begin=False)
+        for branch in (futures, same):
+            branch.step({"usv": torch.zeros((36, 1, 2))}, begin=False)
     drawn = futures.world.scripts["traffic"].ships[..., Sailing.BEHAVIOUR]
     assert set(drawn.flatten().tolist()) >= {float(Behaviour.KEEPS), float(Behaviour.PORT)}
     assert torch.equal(same.bodies[0], same.bodies[1])
 
 
 def test_an_encounter_goes_on_as_it_was_saved():
-    mission = make_mission(load_scenario("encounter"), 8, seed=6)
+    mission = make_mission(load_scenario("encounter", SMALL), 36, seed=6)
     act = {"usv": lambda team: team.classical(team.controller)}
     for _ in range(30):
         mission.step(act)
@@ -227,8 +229,8 @@ def test_an_encounter_goes_on_as_it_was_saved():
 
 
 def test_a_planner_believes_the_tracks_and_its_ships_keep_on():
-    config = load_scenario("encounter", ("usv.count=2", "ais.carried=0.5", "radar.range=300"))
-    mission = make_mission(config, 16, seed=7)
+    config = load_scenario("encounter", (*SMALL, "usv.count=2", "ais.carried=0.5", "radar.range=300"))
+    mission = make_mission(config, 32, seed=7)
     team, act = mission.teams["usv"], {"usv": lambda team: team.classical(team.controller)}
     for _ in range(40):
         mission.step(act, begin=False)
@@ -254,9 +256,9 @@ def test_a_planner_believes_the_tracks_and_its_ships_keep_on():
 def test_encounters_that_an_episode_ends_before_have_no_score():
     """But for those that an early turn has ended."""
     number = []
-    for duration in (40, 330):
-        config = load_scenario("encounter", (f"episode_duration={duration}", "encounter.tcpa=[100, 200]"))
-        found = judge_episodes(config, {"usv": ClassicalPolicy()}, episodes=32, seed=3, show_progress=False)
+    for duration in (25, 330):
+        config = load_scenario("encounter", (*SMALL, f"episode_duration={duration}", "encounter.tcpa=[100, 200]"))
+        found = judge_episodes(config, {"usv": ClassicalPolicy()}, episodes=36, seed=3, show_progress=False)
         number.append(sum(found.episodes["usv"][f"{rule}_n"].sum() for rule in RULES))
     assert number[0] <= 0.1 * number[1] and number[1] > 30
 
