@@ -24,7 +24,7 @@ SCENARIOS = {
     "lanes": SMALL,
     "otter": (*SMALL, "usv.formation.change_every=4", 'usv.formation.shapes=["abreast","wedge"]'),
     "aerosonde": (*SMALL, "air.std=1.0"),
-    "escort": ("escort.worlds=8", "sea.realisations=4"),
+    "escort": ("escort.worlds=8", "sea.realisations=4", "sea.components=6"),
     "landing": (
         "sea.realisations=4",
         "landing.distance=[2.0, 6.0]",

@@ -29,7 +29,8 @@ from taichi_sim.kernels.rotation import HEADING_COS
 from taichi_sim.visualisation.recording.overlays import Lines, Plot
 
 SMALL = ("escort.worlds=8", "sea.realisations=4", "sea.components=6", "episode_duration=40")
-CALM = ("variation=0", "sea.sea_state=1", 'air.turbulence="none"', "obstacles.count=0", "obstacles.moving=0")
+EMPTY = ("obstacles.count=0", "obstacles.moving=0")
+CALM = ("variation=0", "sea.sea_state=1", 'air.turbulence="none"', *EMPTY)
 
 
 def escort(*overrides: str, envs: int = 4, seed: int = 3, teams=None) -> Escort:
@@ -323,7 +324,7 @@ def test_slots_keep_their_distance_from_the_vessel_and_each_other(shape, count):
 
 
 def test_the_judge_counts_arrivals_and_views():
-    config = load_scenario("escort", (*SMALL, *CALM, "escort.start_distance=[30,60]", "evaluation.settle_after=5"))
+    config = load_scenario("escort", (*SMALL, *EMPTY, "escort.start_distance=[30,60]", "evaluation.settle_after=5"))
     result = judge_episodes(
         config, {n: ClassicalPolicy() for n in ("usv", "uav")}, episodes=6, seed=2, show_progress=False
     ).result
