@@ -2,8 +2,8 @@
 
 Taichi compiles a kernel anew after every change of precision or threads, and in every worker. So a worker takes all
 tests of one precision from tests/rl, or from files whose names begin alike (--dist loadgroup). The first worker begins
-with tests/rl, which takes longest, the others with those in double precision. Vehicles whose kernels few other tests of
-tests/rl need go by themselves (APART).
+with tests/rl, which takes longest, the others with those in double precision. Missions whose kernels few other tests of
+tests/rl need go by themselves (APART), and a page whose vehicles are theirs goes with tests/rl (WITHIN).
 """
 
 import os
@@ -22,7 +22,8 @@ os.environ["TI_OPT_LEVEL"] = "0"
 
 
 FOLDER = Path(__file__).parent
-APART = ("usv", "uav", "pilot")  # below tests/rl, by the second word of a file's name
+APART = {"landing", "encounter", "station"}  # below tests/rl, by a word of a file's name
+WITHIN = "extending"
 
 
 def _precision_of(item: pytest.Item) -> runtime.Precision:
@@ -35,9 +36,9 @@ def _precision_of(item: pytest.Item) -> runtime.Precision:
 
 def _group_of(item: pytest.Item) -> str:
     """The tests that a worker takes together."""
-    subject = item.path.stem.split("_")[1]
-    if FOLDER / "rl" in item.path.parents and subject not in APART:
-        subject = "rl"
+    subject, *others = item.path.stem.split("_")[1:]
+    if FOLDER / "rl" in item.path.parents or subject == WITHIN:
+        subject = next(iter(APART & {subject, *others}), "rl")
     return f"{subject}-{_precision_of(item)}"
 
 

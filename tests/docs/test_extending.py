@@ -4,14 +4,13 @@ import re
 from pathlib import Path
 
 import pytest
-from command_line import ROOT, printed, sets
+from command_line import ROOT, here, printed, sets  # noqa: F401 fixture
 
 from rl.evaluation.episodes import CHUNK
 
 PAGE = ROOT / "docs" / "extending.md"
 BLOCK = re.compile(r"^```\w+ file=(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-EPISODES = CHUNK + 1  # of two processes each judges some
-FEW = sets("stages.first.iterations=2", f"evaluation.episodes={EPISODES}", "episode_duration=2")
+FEW = "stages.first.iterations=2", "episode_duration=2"
 
 
 @pytest.fixture(scope="module")
@@ -37,15 +36,17 @@ def test_the_vehicle_is_driven_alone(folder):
 def test_the_mission_is_trained_evaluated_recorded_and_judged_by_its_own_figures(processes, folder):
     """Nothing of the repository is touched: the files of the mission are its own. Processes exchange its objects."""
     out, shared = f"run_{processes}", ("--processes", processes)
-    printed("rl.train", "--config", "rendezvous.toml", "--out", out, *shared, *FEW, cwd=folder)
+    episodes = CHUNK * (processes - 1) + 1  # of two processes each judges some
+    few = sets(*FEW, f"evaluation.episodes={episodes}")
+    printed("rl.train", "--config", "rendezvous.toml", "--out", out, *shared, *few, cwd=folder)
     other = sets("ferries.vehicle=ferry.toml")  # that of `folder`, where the mission lies, too
-    told = printed("rl.commands.evaluate", out, "--episodes", EPISODES, *shared, *other, cwd=folder)
+    told = printed("rl.commands.evaluate", out, "--episodes", episodes, *shared, *other, cwd=folder)
     assert "final_distance_m" in told
     assert {"ferry.py", "rendezvous.py"} <= {file.name for file in (folder / out).rglob("*.py")}
     assert (folder / out / "episode.rrd").is_file()
 
 
-def test_a_shipped_mission_is_changed_by_sections_and_by_classes(folder):
+def test_a_shipped_mission_is_changed_by_sections_and_by_classes(folder, here, monkeypatch):  # noqa: F811
     from rl.evaluation.episodes import judge_episodes
     from rl.learn.policy import ClassicalPolicy
     from rl.missions import load_scenario
@@ -54,7 +55,8 @@ def test_a_shipped_mission_is_changed_by_sections_and_by_classes(folder):
     shipped = find_config("otter").read_text(encoding="utf-8")
     end = (folder / "quiet_terms.toml").read_text(encoding="utf-8")
     (folder / "quiet.toml").write_text('mission = "quiet:Quiet"\n' + shipped + end, encoding="utf-8")
-    told = printed("rl.commands.describe", "quiet.toml", cwd=folder)
+    monkeypatch.chdir(folder)
+    told = here("rl.commands.describe", "quiet.toml").out
     assert re.search(r"heave +vertical speed, m/s\n.* wind +Mean wind", told) and " role " not in told
     assert "weight 0.2, scale 0.5: -|vertical speed| over a scale (m/s): a quiet ride" in told
     file = folder / "quiet.toml"
