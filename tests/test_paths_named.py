@@ -16,6 +16,7 @@ OURS = (*SOURCES, "docs", "configs")
 EXISTING = {path.relative_to(ROOT).as_posix() for folder in OURS for path in (ROOT / folder).rglob("*.*")}
 END = r"(?![\w*{/])"
 FROM_ROOT = re.compile(rf"(?<![\w/.\-])(?:{'|'.join(OURS)})/[\w./\-]*\w\.(?:py|md|toml|json|ipynb|png){END}")
+ANY = re.compile(rf"\.py\b|\b(?:{'|'.join(OURS)})/")
 MODULE = re.compile(rf"(?<![\w/.\-*}}])(?:\.\./)*(?:[\w\-]+/)*[\w\-]+\.py{END}")
 LINK = re.compile(r"\]\((?!https?:|#)([^)#\s]+)")
 EXAMPLES = {"my_boat.py", "mine.py"}  # of a reader's own
@@ -57,6 +58,8 @@ def _is_there(name: str) -> bool:
 def missing_of_source(path: Path) -> set[str]:
     """Modules named in docstrings and comments, and paths from the root in any string (of the tests: in docstrings)."""
     source = path.read_text(encoding="utf-8")
+    if not ANY.search(source):
+        return set()
     tree = ast.parse(source)
     told = [*_docstrings(tree), *_comments(source)]
     texts = told if path.is_relative_to(ROOT / "tests") else [*told, *_strings(tree)]

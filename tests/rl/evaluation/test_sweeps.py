@@ -109,7 +109,7 @@ def test_a_value_may_be_a_share_of_what_the_scenario_has():
     assert {"obstacles.count=24", "air.speed=5.14444", "sea.current.speed=6.0", "sea.sea_state=6"} <= found
 
 
-@pytest.mark.parametrize("name", ["paper", "cruise", "aerosonde"])
+@pytest.mark.parametrize("name", ["paper", pytest.param("cruise", marks=pytest.mark.slow), "aerosonde"])
 def test_the_shipped_sweep_fits_the_shipped_scenarios(name):
     """All cells of `paper` can be loaded; in the others it is values, never keys, that may be refused."""
     config, file, refused = load_scenario(name), find_sweep("default"), []

@@ -278,7 +278,7 @@ def test_a_run_keeps_its_odds_and_its_report_shows_them(tmp_path):
 
 
 def test_what_has_no_odds_is_refused_by_name(small, monkeypatch):
-    config = load_scenario("otter", ("episode_duration=8", "evaluation.settle=1"))
+    config = load_scenario("otter", ("episode_duration=8", "evaluation.settle=1", "track.worlds=4"))
     margins = TeamTask.margins
     monkeypatch.setattr(TeamTask, "margins", lambda team: {**margins(team), "far": 2.0 - team.distance})
 

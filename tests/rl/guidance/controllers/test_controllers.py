@@ -147,7 +147,7 @@ def test_avoids_an_obstacle_in_its_way(team, monkeypatch):
 
 
 @pytest.mark.parametrize("team", TEAMS)
-@pytest.mark.parametrize("count", [1, 3, 8])
+@pytest.mark.parametrize("count", [8, *(pytest.param(count, marks=pytest.mark.slow) for count in (1, 3))])
 def test_actions_are_legal_and_repeatable(team, count):
     def actions() -> Tensor:
         return fly(make(team, *SMALL, f"{team}.count={count}", "sea.hs=1"), team, 2.0)[1]

@@ -85,8 +85,7 @@ def test_added_mass_of_slow_motion_is_neither_a_resonances_nor_clipped(boat):
         added_mass(flow(0.0), boat[1], RHO, "cat")
 
 
-@pytest.mark.parametrize("azimuth", [False, True])
-def test_the_vehicle_of_a_mesh_is_whole(boat, tmp_path, azimuth):
+def test_the_vehicle_of_a_mesh_is_whole(boat, tmp_path):
     """It loads, its thrust at rest, which falls with speed, drives it somewhat slower than a thrust that stays, and it
     says what is assumed.
     """
@@ -94,7 +93,8 @@ def test_the_vehicle_of_a_mesh_is_whole(boat, tmp_path, azimuth):
     units = tuple(Thruster(-1.35, y, 0.15, 60.0) for y in (-0.55, 0.55))
     C = np.diag([0, 0, 16000.0, 4500, 8700, 0])
     races = (Race(60.0, np.sqrt(8 * 60.0 / (np.pi * RHO * 0.2**2))),) * 2
-    for given, thrust in ((Given(units, azimuth, 0.2), 120.0), (Given(), None)):
+    driven = (Given(units, azimuth, 0.2) for azimuth in (False, True))
+    for given, thrust in (*((each, 120.0) for each in driven), (Given(), None)):
         text, told = vehicle_text(craft, form, flow(), C, given, RHO, G, "constant", "hydrodynamics cat.stl")
         file = tmp_path / "cat.toml"
         file.write_text(text)
@@ -102,7 +102,7 @@ def test_the_vehicle_of_a_mesh_is_whole(boat, tmp_path, azimuth):
         assert isinstance(model, Hull6Dof)
         if thrust:
             assert model.top_speed == pytest.approx(Resistance(form, RHO, G, races).speed(thrust), rel=0.01)
-            assert (model.params.actions == "wrench") == azimuth
+            assert (model.params.actions == "wrench") == given.azimuth
         assert (thrust is None) == any("no --thruster" in line for line in told)
         assert text.count("assumed") >= 6 and "Ikeda (2009): two hulls" in text
         assert np.linalg.eigvalsh(model.slow_mass)[0] > 0
