@@ -13,7 +13,7 @@ from rl.missions.formation.mission import Formation
 from taichi_sim.config import ConfigError
 from taichi_sim.kernels.rotation import torch_euler_from_quaternion
 
-SMALL = ("track.worlds=4", "sea.realisations=4", "sea.components=4", "obstacles.count=0")
+SMALL = ("track.worlds=4", "sea.realisations=4", "obstacles.count=0")
 BREEZE = ("air.speed=7.72", "air.direction_deg=240", "air.std=0.5", "air.roughness=0.001")
 ALOFT = math.log(60 / 0.001) / math.log(10 / 0.001)  # wind at 60 m, the paper's flight height, over that at 10 m
 AIRSPEED = 20.0

@@ -32,8 +32,8 @@ from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 
 VEHICLES = ROOT / "configs" / "vehicles"
 CALM = (
-    "sea.sea_state=0", "sea.current.speed=0", "sea.current.std=0", "air.speed=0", "obstacles.count=0",
-    "track.worlds=4", "sea.realisations=1", "variation=0", "sensors.errors=0", "radio={}",
+    "sea.sea_state=0", "sea.components=6", "sea.current.speed=0", "sea.current.std=0", "air.speed=0",
+    "obstacles.count=0", "track.worlds=4", "sea.realisations=1", "variation=0", "sensors.errors=0", "radio={}",
 )  # fmt: skip
 STRAIGHT = ("track.min_radius=150", "track.length=3000", "area=4000", "track.checkpoints=8")
 INTERVAL, SPEED = 0.2, 1.5  # of the scenario
