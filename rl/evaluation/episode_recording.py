@@ -133,6 +133,7 @@ Seen = Callable[[Mission, int, Step, list[Event]], None]
 """Called after each step of an episode that is recorded: mission, its environment, the step, new events."""
 
 
+@runtime.loop.as_for_many()
 def record_episode(
     config: Scenario,
     policies: Mapping[str, Policy],

@@ -335,6 +335,7 @@ class loop:  # noqa: N801 (an attribute of it is read in kernels)
     """How a kernel that is being compiled runs its loop: `ti.loop_config(serialize=runtime.loop.serial)`."""
 
     serial = False
+    for_many = False
 
     @classmethod
     @contextlib.contextmanager
@@ -345,6 +346,19 @@ class loop:  # noqa: N801 (an attribute of it is read in kernels)
             yield
         finally:
             cls.serial = False
+
+    @classmethod
+    @contextlib.contextmanager
+    def as_for_many(cls) -> Iterator[None]:
+        """Within this context, large kernels run as for many environments: no others are compiled for one episode.
+
+        One of `cruise` takes up to a sixth longer, and 17 s less if its kernels were compiled for many only.
+        """
+        cls.for_many = True
+        try:
+            yield
+        finally:
+            cls.for_many = False
 
 
 class own_settings(contextlib.ContextDecorator):  # noqa: N801 (a context, used like a function)
@@ -527,7 +541,7 @@ class Launcher:
 
     def _serial(self, args: tuple[object, ...], envs: int | None) -> bool:
         """Whether the loop runs on the calling thread."""
-        if current().arch != "cpu" or len(args) != len(self._wanted):
+        if current().arch != "cpu" or len(args) != len(self._wanted) or (loop.for_many and self._few < SMALL):
             return False
         first = args[self._first]
         if isinstance(first, ArgPack):
