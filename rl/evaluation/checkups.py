@@ -64,6 +64,7 @@ class _Plan(NamedTuple):
     classical: bool
 
 
+@runtime.loop.as_for_many()
 def check_stage(
     config: Scenario, out: Path, name: str, *, source: Path | None = None, events: bool = True,
     show_progress: bool = True,

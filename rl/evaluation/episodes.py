@@ -111,6 +111,7 @@ class _Part(NamedTuple):
     cannot: Exception | None = None
 
 
+@runtime.loop.as_for_many()
 def judge_trials(
     trials: Sequence[Trial],
     *,

@@ -350,15 +350,15 @@ class loop:  # noqa: N801 (an attribute of it is read in kernels)
     @classmethod
     @contextlib.contextmanager
     def as_for_many(cls) -> Iterator[None]:
-        """Within this context, large kernels run as for many environments: no others are compiled for one episode.
+        """Within this context, large kernels run as for many environments: none is compiled for a few of them.
 
-        One of `cruise` takes up to a sixth longer, and 17 s less if its kernels were compiled for many only.
+        An episode of `cruise` takes up to a sixth longer, and 17 s less where only a training has compiled its kernels.
         """
-        cls.for_many = True
+        before, cls.for_many = cls.for_many, True
         try:
             yield
         finally:
-            cls.for_many = False
+            cls.for_many = before
 
 
 class own_settings(contextlib.ContextDecorator):  # noqa: N801 (a context, used like a function)
