@@ -61,7 +61,9 @@ THEIRS = ("taichi", "torch", "numpy", "pydantic", "pydantic_core", "builtins", *
 READ = "taichi_sim.kernels.runtime"  # a module of which kernels read what digests have anyway: precision, loop.serial
 FOLLOWED = ("own", "inertia_change", "rate_limit", "column", "read", "__len__", "__iter__", "__getitem__", "__call__")
 """Plain methods that kernels call while they are made."""
+UNNAMED = frozenset(name for name in FOLLOWED if name.startswith("__"))  # which no code names
 FRONT_END = [str(Path(__file__).with_name(name)) for name in ("abreast.py", "kept.py", "lanes.py", "taichi_patches.py")]
+_names: dict[object, frozenset[str]] = {}  # function of a kernel -> the names that its last digest followed
 unkeyed: dict[str, str] = {}  # kernels without a digest in this process -> why
 
 
@@ -83,21 +85,25 @@ def compiled(kernel: Kernel, owner: Sequence[object], args: Sequence[object], fo
 
 def digest(kernel: Kernel, owner: Sequence[object], form: Hashable) -> str | None:
     """Return the digest of all that a kernel's instructions are made from (see `compiled`); None if there is none."""
-    names = {name for name in FOLLOWED if name.startswith("__")}  # which no code names
-    while True:
-        walk = _Walk(names)
-        walk.take((kernel.func, [argument.annotation for argument in kernel.arguments], list(owner), form))
-        if walk.names <= names:
-            key = walk.end()
-            if walk.stopped:
-                unkeyed[f"{kernel.func.__module__}.{kernel.func.__qualname__}"] = walk.stopped
-            return None if walk.stopped else key
-        names |= walk.names
+    given = kernel.func, [argument.annotation for argument in kernel.arguments], list(owner), form
+    names = _names.get(kernel.func, UNNAMED)
+    walk = _Walk(names, given) if names is not UNNAMED else None
+    if walk is None or walk.names | UNNAMED != names:  # of another object the same kernel may follow fewer
+        names = UNNAMED
+        while not (walk := _Walk(names, given)).names <= names:
+            names = names | walk.names
+    _names[kernel.func], key = names, walk.end()
+    if walk.stopped:
+        unkeyed[f"{kernel.func.__module__}.{kernel.func.__qualname__}"] = walk.stopped
+    return None if walk.stopped else key
 
 
 def _made(kernel: Kernel, args: Sequence[object], key: str) -> tuple[Any, object]:
     """The kernel, of its parameters and its key alone if one is kept under it, and what Taichi compiled."""
     kernel.runtime.materialize()
+    of_program: dict[str, tuple[Any, object]] = vars(kernel.runtime).setdefault("kept", {})
+    if key in of_program:
+        return of_program[key]
     _, features = kernel.mapper.lookup(args)
     tree, context = kernel_impl._get_tree_and_ctx(
         kernel, args=args, excluded_parameters=kernel.template_slot_locations, arg_features=features
@@ -131,7 +137,8 @@ def _made(kernel: Kernel, args: Sequence[object], key: str) -> tuple[Any, object
     data = program.compile_kernel(program.config(), program.get_device_caps(), made)
     if kept and not before <= _files():  # another program emptied the cache: Taichi may have compiled the key alone
         _end_without_keeping()
-        return _made(kernel, args, hashlib.sha256(key.encode()).hexdigest())
+        made, data = _made(kernel, args, hashlib.sha256(key.encode()).hexdigest())
+    of_program[key] = made, data
     return made, data
 
 
@@ -190,13 +197,15 @@ def _silent() -> Iterator[None]:
 class _Walk:
     """Goes through all that is reached by known names, in an order that depends on nothing else, and sums it up."""
 
-    def __init__(self, known: Set[str]):
+    def __init__(self, known: Set[str], value: object):
+        """Take a value, by members of known names."""
         self.names: set[str] = set()
         self.stopped = ""  # at what no digest can be made of
         self._known = sorted(known)
         self._seen: dict[int, tuple[int, object]] = {}  # identity -> number, and the object, which so stays alive
         self._files = set(FRONT_END)
         self._sum = hashlib.sha256()
+        self.take(value)
 
     def end(self) -> str:
         """Return the digest of what was taken, of the files, the settings, and the versions."""

@@ -76,6 +76,9 @@ shape.gain, shape.rows = 10.0, np.array([[0.0, 20.0]])
 x = torch.ones(3)
 runtime.init(threads=1)
 runtime.Launcher(wave.draw)(x, shape)
+again = torch.ones(3)
+runtime.Launcher(wave.draw)(again, shape)
+assert again.equal(x)
 print(found, x.tolist())
 """
 
