@@ -45,10 +45,9 @@ class NumberDraws(Remembers):
         self.fleet, self.names = fleet, tuple(ranges)
         ends, scale = [], []
         for key, given in ranges.items():
-            low, high = _held(fleet, key, given, 1.0)
-            value = fleet.model.nominal[key]
-            scale.append(value or max(abs(low), abs(high)) or 1.0)
-            ends.append(_held(fleet, key, given, variation))
+            held = _held(fleet, key, given, 1.0)
+            scale.append(fleet.model.nominal[key] or max(map(abs, held)) or 1.0)
+            ends.append(held if variation == 1.0 else _held(fleet, key, given, variation))
         device = fleet.state.device
         low, high = torch.tensor(ends, dtype=torch.float64, device=device).reshape(-1, 2).unbind(-1)
         self._low, self._high = low, high
@@ -101,14 +100,15 @@ def _held(fleet: Fleet, key: str, given: Range, variation: float) -> tuple[float
         fleet.model.check_varies(key)
         nominal = fleet.model.nominal[key]
         ends = given.ends(nominal, variation)
+    held = []
     for end in ends:
         reason = fleet.refusal(key, end)
         if reason and variation <= 1.0:
             raise ConfigError(f"{place} = {given}: {end:g} cannot be: {reason}")
         if not reason and isinstance(varied := fleet.model.with_numbers({key: end}), BaseModel):
             judge(varied, f"{place} = {given}")
-    low, high = (edge(nominal, end, lambda x: fleet.refusal(key, x) is None, HALVINGS) for end in ends)
-    return low, high
+        held.append(edge(nominal, end, lambda x: fleet.refusal(key, x) is None, HALVINGS) if reason else end)
+    return held[0], held[1]
 
 
 class Variation(Remembers):
