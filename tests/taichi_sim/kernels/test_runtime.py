@@ -144,7 +144,7 @@ def test_a_launch_goes_from_one_set_of_tensors_to_another_and_back(f64):
 
 
 def test_a_few_vehicles_on_the_calling_thread_move_as_many_do():
-    """To rounding: the two are compiled apart."""
+    """To rounding: the two are compiled apart. With the kernel of many they move alike to the bit."""
     runtime.init(precision="f64", threads=2)
     for vehicle in ("unity_boat", "unity_aircraft"):
         few, many = Bench(vehicle, envs=2, seed=3), Bench(vehicle, envs=200, seed=3)
@@ -152,6 +152,9 @@ def test_a_few_vehicles_on_the_calling_thread_move_as_many_do():
         torch.testing.assert_close(few.step(action, 20).state, many.step(action, 20).state[:2], rtol=0, atol=1e-11)
         launchers = [next(iter(bench.fleet._launchers.values())) for bench in (few, many)]
         assert [launcher._bound[0].serial for launcher in launchers] == [True, False]
+        with runtime.loop.as_for_many():
+            same = Bench(vehicle, envs=2, seed=3).step(action, 20)
+        assert same.state.equal(many.state[:2])
 
 
 def test_torch_has_its_threads_back_after_a_rest():
