@@ -154,11 +154,16 @@ def test_a_fork_that_shares_the_noise_does_what_its_source_does(name):
         mission.fork([2, 0], 2, into=fork)
 
 
-def test_a_fork_that_draws_its_own_noise_differs_in_what_is_measured_alone():
+@pytest.fixture(scope="module")
+def sailed() -> Mission:
+    """A mission under way, for tests that only fork it."""
     mission = begun("otter", 4)
-    driver = Driver(mission)
-    driver.go(5)
-    shared, own = mission.fork([1], 4), mission.fork([1], 4, noise="own")
+    Driver(mission).go(5)
+    return mission
+
+
+def test_a_fork_that_draws_its_own_noise_differs_in_what_is_measured_alone(sailed):
+    shared, own = sailed.fork([1], 4), sailed.fork([1], 4, noise="own")
     for fork in (shared, own):
         fork.drive({n: torch.zeros_like(team.fleet.action) for n, team in fork.teams.items()})
     measured = [fork.teams["usv"].known.fleet.state[:, 0, 0] for fork in (shared, own)]
@@ -167,11 +172,9 @@ def test_a_fork_that_draws_its_own_noise_differs_in_what_is_measured_alone():
     assert truth[0].equal(truth[1])
 
 
-def test_forks_and_their_forks_never_draw_the_same_noise_of_their_own():
-    mission = begun("otter", 4)
-    Driver(mission).go(5)
-    one = mission.fork([1], 3, noise="own")
-    forks = [one, mission.fork([1], 3, noise="own"), one.fork([0], 3, noise="own"), mission.fork([1], 3, noise="own")]
+def test_forks_and_their_forks_never_draw_the_same_noise_of_their_own(sailed):
+    one = sailed.fork([1], 3, noise="own")
+    forks = [one, sailed.fork([1], 3, noise="own"), one.fork([0], 3, noise="own"), sailed.fork([1], 3, noise="own")]
     assert len(torch.cat([fork.noise.keys for fork in forks]).unique()) == 12
     assert all(fork.world.noise.keys.equal(fork.noise.keys) for fork in forks)
     for fork in forks:
@@ -187,18 +190,17 @@ def test_kept_states_go_on_in_a_mission_of_another_size(name):
     driver = Driver(mission)
     driver.go(7)
     Driver(other, 3).go(7)
-    kept = mission.keep([4, 0, 4, 2]).pick(torch.tensor([0, 3]))
+    kept, saved = mission.keep([4, 0, 4, 2]).pick(torch.tensor([0, 3])), mission.snapshot()
     joined = kept.joined(mission.keep([0]))
     driver.go(3)  # what is kept stays as it was
-    again = begun(name, 5)
-    Driver(again).go(7)
+    mission.restore(saved)
     other.put(joined, [2, 0, 1], noise="shared")
     rows = torch.tensor([2, 0, 4])
     for _ in range(6):
         given = driver.actions(5)
-        again.step(given, begin=False)
+        mission.step(given, begin=False)
         other.step({n: of[rows] for n, of in given.items()}, begin=False)
-        for n, team in again.teams.items():
+        for n, team in mission.teams.items():
             assert team.observations()[rows].equal(other.teams[n].observations()), n
     other.put(joined, [2, 0, 1])
     assert len(torch.cat((other.noise.keys, mission.noise.keys)).unique()) == 8

@@ -8,7 +8,7 @@ from folders import PLUGINS
 from torch import Tensor
 
 from rl.learn.policy import ClassicalPolicy
-from rl.mission import Mission, Step, VehicleActions
+from rl.mission import Mission, VehicleActions
 from rl.missions import load_scenario, make_mission
 from rl.step import BEGINS, GOES_ON, NOT_DUE
 from taichi_sim.config.arguments import ActionError
@@ -106,19 +106,14 @@ def test_a_policy_acts_when_all_actions_have_been_checked():
 
 def test_to_drive_is_to_step_by_actions_of_the_vehicles():
     """Where a policy corrects a classical controller, its actions are others."""
-
-    def otter() -> Mission:
-        return make_mission(load_scenario("otter", ("track.worlds=2", "sea.realisations=2")), 2, seed=1, teams=["usv"])
-
-    def fleet(mission: Mission, step: Step) -> Tensor:
-        assert not step.over.any()
-        return mission.teams["usv"].fleet.state
-
-    corrected, driven, ahead = otter(), otter(), torch.ones(2, 3, 2)
-    by_policy = fleet(corrected, corrected.step({"usv": ahead}))
-    assert not fleet(driven, driven.drive({"usv": ahead})).equal(by_policy)
-    twin = otter()
-    assert fleet(twin, twin.drive(twin.act({"usv": ahead}))).equal(by_policy)
+    config = load_scenario("otter", ("track.worlds=2", "sea.realisations=2"))
+    mission, ahead = make_mission(config, 2, seed=1, teams=["usv"]), {"usv": torch.ones(2, 3, 2)}
+    saved, states = mission.snapshot(), []
+    for step in (mission.step, mission.drive, lambda given: mission.drive(mission.act(given))):
+        mission.restore(saved)
+        assert not step(ahead).over.any()
+        states.append(mission.teams["usv"].fleet.state.clone())
+    assert states[0].equal(states[2]) and not states[0].equal(states[1])
 
 
 def test_a_term_that_is_not_finite_in_a_rare_state_ends_one_episode_and_a_faulty_one_is_named(monkeypatch):

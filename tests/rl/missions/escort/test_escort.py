@@ -370,8 +370,8 @@ def test_what_cannot_be_is_refused_with_its_numbers(overrides, words):
 
 
 OTHERS = (
-    ("uav.count=1",), ("uav.count=5", "usv.count=8"), ("course.evasive=true",), ("radio.range=1.0",),
-    ('uav.camera.mount="fixed"', 'uav.camera.surface="waves"'), ("usv.lookout.crests=true",),
+    ("uav.count=1", "course.evasive=true"), ("uav.count=5", "usv.count=8", "radio.range=1.0"),
+    ('uav.camera.mount="fixed"', 'uav.camera.surface="waves"', "usv.lookout.crests=true"),
 )  # fmt: skip
 
 
