@@ -127,7 +127,7 @@ def test_clearance_is_quadratic_inside_its_range_and_zero_outside():
 
 def test_the_gap_ahead_is_the_least_one_on_straight_ways():
     """Ways of boats, their mates and moving obstacles are followed in small steps."""
-    task = make("obstacles.count=50", "obstacles.clearance_min=-15", "obstacles.moving_fraction=0.3", envs=8)
+    task = make("obstacles.count=80", "obstacles.clearance_min=-15", "obstacles.moving_fraction=0.3", envs=8)
     wander(task, 25)
     team = task.teams["usv"]
     time = torch.linspace(0, 4, 801)

@@ -16,7 +16,7 @@ from folders import ROOT
 from taichi.lang import impl
 
 from rl.learn.policy import policies_of
-from rl.missions import load_scenario, make_mission
+from rl.missions import find_mission, load_scenario, make_mission
 from taichi_sim.kernels import kept, runtime
 
 PATHS = os.environ | {"PYTHONPATH": str(ROOT)}
@@ -260,7 +260,7 @@ def test_all_python_that_a_kernel_is_made_by_is_in_its_digest(scenario, monkeypa
     monkeypatch.setattr(kept, "build_stmts", watched)
     monkeypatch.setattr(kept, "_kept", lambda made: look(made) and False)
     config = load_scenario(scenario)
-    mission = make_mission(config, 32, seed=0)
+    mission = make_mission(find_mission(config.mission).one_each(config, 32), 32, seed=0)
     for _ in range(2):
         mission.step(policies_of("classical", ROOT, config))
     assert missed == set()

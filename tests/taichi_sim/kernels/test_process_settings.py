@@ -20,6 +20,7 @@ from taichi_sim.kernels import runtime
 from taichi_sim.kernels.runtime import ProgramError
 
 SMALL = ("sea.realisations=2", "sea.components=4")
+FEW = (*SMALL, "track.worlds=2")
 
 
 def boats(envs=4):
@@ -268,7 +269,7 @@ def test_gymnasiums_processes_work_if_they_are_spawned(tmp_path):
 
 def test_objects_of_another_precision_are_refused_and_nothing_moves():
     runtime.init(precision="f32", threads=1)
-    world, bench, env = boats(), ts.Bench("unity_boat"), rl.BatchedEnv("paper", 1, teams="usv", overrides=SMALL)
+    world, bench, env = boats(), ts.Bench("unity_boat"), rl.BatchedEnv("paper", 1, teams="usv", overrides=FEW)
     fleet, other = world.teams["usv"], boats()
     world.step(still(world))
     other.step(still(other))

@@ -39,7 +39,7 @@ def test_every_team_size_and_formation_steps(count, formation):
 
 def test_encounters_are_what_going_straight_on_would_bring():
     """Ways are followed in small steps: the least gap, how far ahead and how far aside it is."""
-    task = make("obstacles.count=150", "obstacles.clearance_min=-15", "obstacles.moving_fraction=0.3", envs=8)
+    task = make("obstacles.count=80", "obstacles.clearance_min=-15", "obstacles.moving_fraction=0.3", envs=8)
     wander(task, 25)
     team = task.teams["usv"]
     seen, velocity = team.sensor.obstacles, team.fleet.velocity_n[..., :2]
