@@ -222,7 +222,9 @@ class _Walk:
 
     def take(self, value: object) -> None:
         """Take a value, and all that is reached from it."""
-        if value is None or isinstance(value, bool | int | float | complex | str | bytes | range | slice):
+        if isinstance(value, str) and os.path.isabs(value):  # a run's copy of a file is the same vehicle
+            self._note("path", os.path.basename(value))
+        elif value is None or isinstance(value, bool | int | float | complex | str | bytes | range | slice):
             self._note(type(value).__name__, repr(value))
         elif isinstance(value, torch.dtype | torch.device | np.dtype) or hasattr(type(value), "__members__"):
             self._note(type(value).__name__, value)  # or an enumeration, of Python or of Taichi

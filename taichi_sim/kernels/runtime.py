@@ -107,6 +107,7 @@ PATCHED = not os.environ.get("TAICHI_SIM_NO_PATCHES")
 """Whether this process changes Taichi's own code (taichi_patches.py)."""
 CACHE = "TI_OFFLINE_CACHE_FILE_PATH"  # environment variable: Taichi's folder of compiled kernels
 KEPT_KERNELS = "ticache.tcb"  # Taichi's list of them, in that folder
+MOST = 1024  # threads that kernels are compiled for; the running ones share the work, and any number finds the kernels
 LONG = 3.0  # s; a kernel that is kept is read in less
 _own_cache: str | None = None  # a temporary one, of a process that cannot write to that
 _current: Runtime | None = None
@@ -153,6 +154,7 @@ def init(arch: str = "cpu", precision: Precision = "f32", threads: int = 0) -> R
                 log_level=ti.ERROR,
                 verbose=False,
             )
+        impl.current_cfg().cpu_max_num_threads = MOST  # the threads have been started
         _bind_to_cores(sorted(_threads() - before)[-wanted.threads :])
         _clear_stale_lock(Path(impl.current_cfg().offline_cache_file_path))
         _current, _void = wanted, None

@@ -117,16 +117,14 @@ class Diffraction:
         found = around(database, given, self.courses)
         left, mean = found[: len(database.omega)], found[len(database.omega) :]
         parts = [left.real, left.imag, *([mean.real[..., [0, 1, 5]]] if drift else [])]
-        self.omega, self.table = database.omega, np.concatenate(parts, axis=-1)  # [n, courses, size]
+        self.omega = database.omega
+        # [n, courses, size]; its last bits depend on numpy's threads, and kernels have no such name (kept.py)
+        self.resampled = np.concatenate(parts, axis=-1)
+        self.size = int(self.resampled.shape[-1])  # values of a table entry (one frequency and course)
 
     def stretches(self, interval: float) -> int:
         """Number of sums of the load in a control step of `interval` (s)."""
         return max(1, math.ceil(interval * self.resonance / STRETCH - WHOLE))
-
-    @property
-    def size(self) -> int:
-        """Number of values in a table entry (one frequency and course)."""
-        return int(self.table.shape[-1])
 
     def of(self, sea: Tensor) -> Tensor:
         """Loads of the components of `sea` [sea, 8, component] (conventions.py), [sea * (courses + 1), size,
@@ -144,7 +142,7 @@ class Diffraction:
     def _by_heading(self, row: NDArray) -> NDArray[np.float64]:
         """Loads [component, courses + 1, size] of the components [8, component] of one sea."""
         omega = row[OMEGA]
-        found = cubic(self.omega, self.table, np.clip(omega, self.omega[0], self.omega[-1]))
+        found = cubic(self.omega, self.resampled, np.clip(omega, self.omega[0], self.omega[-1]))
         slow = np.minimum(omega / self.omega[0], 1.0) ** 2
         fade = np.clip((FADED - omega / self.omega[-1]) / (FADED - 1), 0.0, 1.0)
         found *= (slow * fade * row[AMPLITUDE])[:, None, None]
