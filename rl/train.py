@@ -48,14 +48,14 @@ def main(argv: list[str] | None = None) -> None:
     from rl.commands import shared
     from rl.runs import folder as run_folder
     from rl.runs import ranks, torchrun
-    from rl.runs.main_job import FIGURES, report, run_main_job
-    from rl.runs.watch import refuse_used, training_view
     from taichi_sim.errors import needs
 
     if args.logger == "wandb":
         with needs("wandb", "wandb"):
             import wandb  # noqa: F401  # pyright: ignore[reportMissingImports]
     if args.watch and ranks.here().first and not torchrun.launched():
+        from rl.runs.watch import refuse_used
+
         refuse_used(args.port)
     config, source, out = run_of(args)
     fewest = min((stage.num_envs for stage in config.stages.values()), default=1)
@@ -64,6 +64,10 @@ def main(argv: list[str] | None = None) -> None:
             run_folder.refuse_existing(out)
         torchrun.run(Path(__file__), [*(sys.argv[1:] if argv is None else argv), "--out", str(out)], number)
         return
+    from rl.evaluation.episodes import told
+    from rl.runs.main_job import FIGURES, run_main_job
+    from rl.runs.watch import training_view
+
     with ranks.joined(args.arch) as place:
         shared.agree(config, source)
         if not args.resume:
@@ -88,7 +92,7 @@ def main(argv: list[str] | None = None) -> None:
                 print(f"trained; evaluate it by: {run_folder.resuming(out)}")
     if summary is None:
         return
-    print(report(summary["evaluation"], config, source))
+    print(told(summary["evaluation"], config, source))
     print(f"summary:   {out / 'summary.json'}")
     if (out / FIGURES).exists():
         print(f"figures:   {out / FIGURES}")

@@ -67,7 +67,7 @@ def train(about: Path, folder: Path) -> list[Path]:
 def ship(runs: list[Path], name: str, place: Path, args: argparse.Namespace) -> Path:
     """Export the policies of runs into `place`/`name`, judge them there, and write policies.json; return that file."""
     from rl.evaluation.episodes import judge_episodes
-    from rl.learn.export import export_onnx, network_of
+    from rl.learn.export import export_onnx
     from rl.learn.policy import load_policy
     from rl.learn.policy_sources import ABOUT, SUFFIX, hashed, read_onnx
     from rl.missions import load_scenario
@@ -80,8 +80,7 @@ def ship(runs: list[Path], name: str, place: Path, args: argparse.Namespace) -> 
         own, meta = load_config(run)[0], read_json(run / META, dict[str, Any])
         for team in (team for team in config.trained if (run / team).is_dir()):
             policy, file = load_policy(run, own, team), place / name / f"{team}{SUFFIX}"
-            network, units = network_of(policy.actor)
-            export_onnx(network, policy.num_observations, file, policy.signature, units)
+            export_onnx(policy.actor, policy.num_observations, file, policy.signature, policy.memory)
             made = {key: meta.get(key) for key in MADE} | {"command": trained_by(meta["command"])}
             teams[team] = made | {"sha256": hashed(file), "bytes": file.stat().st_size} | dict(policy.signature)
         for team in own.given:  # which are of the package already

@@ -77,11 +77,10 @@ def units(args: argparse.Namespace) -> int:
 def evaluate(args: argparse.Namespace) -> None:
     """Evaluate; rank 0 prints the figures, writes them to --json, and stores them in the run's folder."""
     from rl.commands import shared
-    from rl.evaluation.episodes import EvaluationOutcome, Trial, judge_trials
+    from rl.evaluation.episodes import EvaluationOutcome, Trial, judge_trials, told
     from rl.evaluation.export import export_conditions, exported
     from rl.evaluation.store import save_evaluation
     from rl.runs import folder as run_folder
-    from rl.runs.main_job import report
 
     config, source, policies, seed = shared.open_run(args)
     shared.agree(config, source)
@@ -97,7 +96,7 @@ def evaluate(args: argparse.Namespace) -> None:
             print(f"export: {args.export}, {beside}", file=sys.stderr)
         if args.controller == "policy":
             shared.tell_corrected(config)
-        print(report(outcome.result, config, source), file=sys.stderr)
+        print(told(outcome.result, config, source), file=sys.stderr)
         for team, policy in policies.items():
             if (price := getattr(policy, "price", None)) is not None:
                 print(f"  {team}: {price:.2f} s of computation for each second of an episode", file=sys.stderr)

@@ -240,6 +240,14 @@ def mission_class(config: Scenario, source: Path | None) -> type[Mission]:
     return find_mission(config.mission, [source.parent] if source else [])
 
 
+def told(evaluation: EvaluationResult, config: Scenario, source: Path | None = None) -> str:
+    """An evaluation as lines to read."""
+    judge = mission_class(config, source).Judge
+    lines = [f"{evaluation['episodes']} held-out episodes, {evaluation['controller']}:"]
+    lines += [f"  {team}: {judge.line(figures)}" for team, figures in evaluation["teams"].items()]
+    return "\n".join(lines)
+
+
 def one_episode_each(
     config: Scenario, teams: Sequence[str], episodes: int, seed: int, source: Path | None, first: int = 0
 ) -> Mission:

@@ -7,19 +7,16 @@ import zlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
+from rl.learn.actor import Actor
 from rl.mission import ControllerError, Policy, Team, VehicleActions
 from rl.planning.planner import HonestPlanner, Planner
 from rl.scenario import Scenario, StageConfig
 from taichi_sim.config.io import replacing
 from taichi_sim.errors import UserError, refuse
-
-if TYPE_CHECKING:  # rsl-rl takes as long to import as torch, so only what makes a network imports it
-    from rsl_rl.models import MLPModel
 
 UNREADABLE = (RuntimeError, EOFError, OSError, ValueError, LookupError, AttributeError, TypeError,
               pickle.UnpicklingError, zipfile.BadZipFile, zlib.error)  # fmt: skip
@@ -27,39 +24,10 @@ UNREADABLE = (RuntimeError, EOFError, OSError, ValueError, LookupError, Attribut
 UNTRAINED = "model_0.pt"  # the weights with which a team's training begins
 STD = "distribution.std_param"  # name of an actor's exploration noise
 INTO_MEMORY = "rnn.rnn.weight_ih_l0"  # name of the weights from observations to the units of an actor's memory
-OBS_GROUPS = {"actor": ["policy"], "critic": ["policy"]}
 
 
 class CheckpointError(UserError, RuntimeError):
     """A checkpoint that cannot be used: cut short, of another shape, or another kind of file."""
-
-
-def actor_config(stage: StageConfig) -> dict:
-    """rsl-rl's configuration of a stage's actor network.
-
-    There is no running normaliser, because observations are of order one. A normaliser divides rare observations (a
-    second obstacle in range) by their tiny spread. Policies then met such moments with inputs far outside their
-    training, and swerved: follower errors of 2-3 m rms became 0.1 m without it.
-    """
-    memory = {"class_name": "RNNModel", "rnn_type": "gru", "rnn_hidden_dim": stage.gru}
-    return {
-        **(memory if stage.gru else {"class_name": "MLPModel"}),
-        "hidden_dims": list(stage.hidden_dims),
-        "activation": stage.activation,
-        "obs_normalization": False,
-        "distribution_cfg": {"class_name": "GaussianDistribution", "init_std": stage.initial_std},
-    }
-
-
-def make_actor(stage: StageConfig, observations: int, actions: int) -> "MLPModel":
-    """A stage's actor network, with initial weights."""
-    from rsl_rl.models import MLPModel, RNNModel
-    from tensordict import TensorDict
-
-    options = actor_config(stage)
-    kind = {"MLPModel": MLPModel, "RNNModel": RNNModel}[options.pop("class_name")]
-    example = TensorDict({"policy": torch.zeros(1, observations)}, batch_size=[1])
-    return kind(example, OBS_GROUPS, "actor", actions, **options)
 
 
 def read_checkpoint(file: Path) -> dict:
@@ -101,13 +69,12 @@ def checkpoints(folder: Path) -> list[Path]:
 class TrainedPolicy:
     """A trained actor with frozen weights; it acts by its mean action, without random numbers."""
 
-    def __init__(self, actor: "MLPModel", signature: Mapping[str, Sequence[str]] | None = None, source: str = "policy"):
+    def __init__(self, actor: Actor, signature: Mapping[str, Sequence[str]] | None = None, source: str = "policy"):
         """Freeze an actor; `signature` names its observations and actions, `source` its file, for messages."""
         self.actor, self.source = actor.eval().requires_grad_(False), source
         self.signature = dict(signature or {})
         self._fits: Team | None = None  # the last team that passed `check`
-        memory = getattr(actor, "rnn", None)
-        self.memory = 0 if memory is None else memory.rnn.hidden_size  # numbers, of each vehicle
+        self.memory = actor.memory  # numbers, of each vehicle
 
     @classmethod
     def load(cls, file: Path, stage: StageConfig) -> "TrainedPolicy":
@@ -116,7 +83,7 @@ class TrainedPolicy:
         state, infos = content["actor_state_dict"], content.get("infos") or {}
         try:
             size = state[INTO_MEMORY if stage.gru else "mlp.0.weight"].shape[-1]
-            actor = make_actor(stage, size, state[STD].shape[0])
+            actor = Actor(stage, size, state[STD].shape[0])
             actor.load_state_dict(state, strict=True)
         except (KeyError, RuntimeError, AttributeError, TypeError) as error:
             first = str(error).splitlines()[0]
@@ -128,7 +95,7 @@ class TrainedPolicy:
     @property
     def num_observations(self) -> int:
         """Number of the network's inputs."""
-        return self.actor.obs_dim
+        return self.actor.inputs
 
     def __call__(self, team: Team) -> Tensor:
         """Actions [env, vehicle, action] of a team."""
@@ -159,14 +126,14 @@ class TrainedPolicy:
                 f"{self.source}: this policy was trained on {self.num_observations} observations and the scenario "
                 f"gives {observations.shape[-1]}: observations and sensing must be those of its training"
             )
-        from tensordict import TensorDict
-
+        rows, kept = observations.flatten(0, 1).float(), None
         with torch.no_grad():
-            rows = observations.flatten(0, 1).float()
-            self.actor.reset(hidden_state=None if memory is None else memory.reshape(1, len(rows), -1))
-            actions = self.actor(TensorDict({"policy": rows}, batch_size=[rows.shape[0]]))
-            after = self.actor.get_hidden_state()
-            kept = after.view(*observations.shape[:2], -1) if isinstance(after, Tensor) else None
+            if self.memory:
+                before = rows.new_zeros(len(rows), self.memory) if memory is None else memory.flatten(0, 1)
+                actions, after = self.actor(rows, before)
+                kept = after.view(*observations.shape[:2], -1)
+            else:
+                actions = self.actor(rows)
             return actions.view(*observations.shape[:2], -1).clamp(-1.0, 1.0), kept
 
 

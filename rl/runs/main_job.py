@@ -170,11 +170,3 @@ def _evaluate(
     if isinstance(learned, Exception):
         raise learned
     return None if learned is None else learned.result
-
-
-def report(evaluation: EvaluationResult, config: Scenario, source: Path | None = None) -> str:
-    """An evaluation as readable lines."""
-    judge = mission_class(config, source).Judge
-    lines = [f"{evaluation['episodes']} held-out episodes, {evaluation['controller']}:"]
-    lines += [f"  {team}: {judge.line(figures)}" for team, figures in evaluation["teams"].items()]
-    return "\n".join(lines)

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from rl.learn.policy import CheckpointError, TrainedPolicy, make_actor, read_checkpoint, write_checkpoint
+from rl.learn.actor import Actor
+from rl.learn.policy import CheckpointError, TrainedPolicy, read_checkpoint, write_checkpoint
 from rl.scenario import StageConfig
 from tests.fuzz.limits import within
 from tests.fuzz.mutate import mutations
@@ -17,7 +18,7 @@ STAGE = StageConfig(team="usv", hidden_dims=(4,))
 def saved(file: Path) -> Path:
     """A whole checkpoint of five observations and two actions."""
     torch.manual_seed(1)
-    actor = make_actor(STAGE, 5, 2)
+    actor = Actor(STAGE, 5, 2)
     names = {"observations": list("abcde"), "actions": ["left", "right"]}
     write_checkpoint({"actor_state_dict": actor.state_dict(), "iter": 7, "infos": names}, file)
     return file

@@ -13,8 +13,9 @@ import torch
 from tqdm import tqdm
 
 from rl.adapters.render import Pictures
+from rl.learn.actor import Actor
 from rl.learn.env import MissionEnv
-from rl.learn.policy import TrainedPolicy, make_actor
+from rl.learn.policy import TrainedPolicy
 from rl.learn.runner import StageRunner
 from rl.mission import Mission, Team
 from rl.missions import load_scenario, make_mission
@@ -68,7 +69,7 @@ def random_decisions(task: Mission) -> Callable[[], object]:
 
 def untrained_policy(team: Team, stage: StageConfig) -> TrainedPolicy:
     """A network of the configured size with initial weights."""
-    return TrainedPolicy(make_actor(stage, team.observations().shape[-1], len(team.action_names)))
+    return TrainedPolicy(Actor(stage, team.observations().shape[-1], len(team.action_names)))
 
 
 def policy_decisions(task: Mission, stages: dict[str, StageConfig]) -> Callable[[], object]:

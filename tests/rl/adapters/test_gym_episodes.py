@@ -10,7 +10,8 @@ from gym_envs import IDS, REASONS, SHORT, SMALL, both, make_vec, place_on_an_obs
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 
-from rl.learn.policy import CheckpointError, TrainedPolicy, make_actor
+from rl.learn.actor import Actor
+from rl.learn.policy import CheckpointError, TrainedPolicy
 from rl.missions import load_scenario
 from rl.runs.folder import CONFIG, RunError
 from taichi_sim.config.io import write_toml
@@ -156,7 +157,7 @@ def test_an_ending_of_the_other_team_truncates() -> None:
 def save_policy(folder, observations: int, actions: int) -> None:
     """A checkpoint of an untrained actor of the shipped stage."""
     torch.manual_seed(0)
-    actor = make_actor(load_scenario(overrides=SMALL).stages["uav"], observations, actions)
+    actor = Actor(load_scenario(overrides=SMALL).stages["uav"], observations, actions)
     folder.mkdir()
     torch.save({"actor_state_dict": actor.state_dict(), "iter": 1}, folder / "model_1.pt")
 

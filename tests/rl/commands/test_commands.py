@@ -6,9 +6,9 @@ import sys
 import pytest
 from command_line import TIMEOUT, TINY, Ending, sets
 
+from rl.evaluation.episodes import told
 from rl.missions import load_scenario
 from rl.missions.formation.judge import FormationJudge
-from rl.runs.main_job import report
 from taichi_sim.config.io import config_folder
 
 
@@ -121,5 +121,5 @@ def test_the_commands_themselves_end_with_the_message_and_status(name, arguments
 
 def test_a_team_without_measured_time_is_reported():
     nothing = dict.fromkeys(FormationJudge.definitions, None) | {"collision_free_episodes": 0.5, "success_rate": 0.0}
-    text = report({"episodes": 2, "controller": "policy", "teams": {"usv": nothing}}, load_scenario("paper"))
+    text = told({"episodes": 2, "controller": "policy", "teams": {"usv": nothing}}, load_scenario("paper"))
     assert "usv" in text and "50.0 %" in text

@@ -2,16 +2,12 @@
 
 import pytest
 import torch
-from rsl_rl.models import MLPModel
-from tensordict import TensorDict
 from torch import Tensor
 
 from rl.learn.env import MissionEnv
-from rl.learn.policy import OBS_GROUPS, TrainedPolicy, actor_config
 from rl.mission import Team
 from rl.missions import load_scenario
 from rl.missions.formation.mission import Formation
-from rl.scenario import StageConfig
 
 SMALL = ("track.worlds=4", "sea.realisations=4", "uav.count=2")
 ENVS, UAVS, USVS = 4, 2, 3
@@ -172,27 +168,6 @@ def test_what_a_frozen_policy_says_is_not_written_to(env, value):
         env.step(nothing())
     env.frozen["usv"] = Pilot(0.25)
     assert all((said == value).all() for said in pilot.said)
-
-
-def test_a_trained_policy_does_not_learn_while_it_is_frozen(env):
-    """Its normaliser sees a thousand foreign observations; its first answer stays the same, bit for bit."""
-    size = env.mission.teams["usv"].observations().shape[-1]
-    torch.manual_seed(0)
-    options = actor_config(StageConfig(team="usv"))
-    options.pop("class_name")
-    example = TensorDict({"policy": torch.zeros(1, size)}, batch_size=[1])
-    policy = TrainedPolicy(MLPModel(example, OBS_GROUPS, "actor", 2, **options))
-    before = env.mission.teams["usv"].observations().clone()
-    answer = policy.act(before).clone()
-    env.frozen["usv"] = policy
-    env.step(torch.ones(ENVS * UAVS, 3))
-    env.step(torch.ones(ENVS * UAVS, 3))
-    policy.act(100.0 * torch.randn(250, 4, size))
-    env.frozen["usv"] = Pilot(0.25)
-    assert policy.act(before).equal(answer)
-    assert answer.shape == (ENVS, USVS, 2)
-    assert answer.abs().max() <= 1.0
-    assert not answer.requires_grad
 
 
 def test_a_team_without_a_policy_is_refused(env):

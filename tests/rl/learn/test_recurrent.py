@@ -1,18 +1,22 @@
-"""Actors with a memory: they act as in training wherever they came from, and forget where an episode begins."""
+"""Actors act as in training wherever they came from, and those with a memory forget where an episode begins."""
 
 from pathlib import Path
 
 import pytest
 import torch
 from command_line import TINY, onnx_session
+from rsl_rl.models import MLPModel, RNNModel
 from tensordict import TensorDict
 
+from rl.learn.actor import Actor
 from rl.learn.export import TORCHSCRIPT
 from rl.learn.policy import TrainedPolicy, load_policy
 from rl.learn.policy_sources import read_onnx
+from rl.learn.runner import OBS_GROUPS, actor_config
 from rl.learn.stages import train_stages
 from rl.missions import load_scenario, make_mission
 from rl.runs import folder as run_folder
+from rl.scenario import StageConfig
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder
 
@@ -35,6 +39,22 @@ def recurrent(tmp_path_factory) -> Path:
     return trained(tmp_path_factory.mktemp("recurrent") / "run")
 
 
+def model_of(stage: StageConfig, actor: Actor) -> MLPModel:
+    """rsl-rl's model of a stage with the weights of `actor`."""
+    options, rows = actor_config(stage), TensorDict({"policy": torch.zeros(1, actor.inputs)}, [1])
+    kind = {kind.__name__: kind for kind in (MLPModel, RNNModel)}[options.pop("class_name")]
+    model = kind(rows, OBS_GROUPS, "actor", len(actor.distribution["std_param"]), **options)
+    model.load_state_dict(actor.state_dict(), strict=True)
+    return model
+
+
+@pytest.mark.parametrize("activation", ["elu", "relu", "tanh"])
+def test_an_actor_is_the_model_of_its_training_to_the_bit(activation):
+    stage, rows = StageConfig(team="usv", activation=activation, hidden_dims=(32, 16)), torch.randn(100, 7)
+    actor = Actor(stage, 7, 2)
+    assert actor(rows).equal(model_of(stage, actor)(TensorDict({"policy": rows}, [100])))
+
+
 def boats(run: Path):
     """A mission of the run, whose environments are at different times of their episodes, and the policy."""
     config, source = run_folder.load_config(run)
@@ -45,7 +65,8 @@ def boats(run: Path):
 def test_it_acts_as_in_training_over_episodes_and_so_do_its_files(recurrent):
     """rsl-rl's own memory, reset as in training, is the reference."""
     mission, policy = boats(recurrent)
-    (other, model), team = boats(recurrent), mission.teams["usv"]
+    (other, same), team = boats(recurrent), mission.teams["usv"]
+    model = model_of(mission.config.stages["usv"], same.actor)
     onnx, session = read_onnx(recurrent / "usv" / "policy.onnx"), onnx_session(recurrent / "usv" / "policy.onnx")
     script, kept = torch.jit.load(recurrent / "usv" / TORCHSCRIPT), torch.zeros(2 * ENVS, UNITS)
     begun, moved = 0, torch.zeros(())
@@ -53,10 +74,10 @@ def test_it_acts_as_in_training_over_episodes_and_so_do_its_files(recurrent):
         if number == 2:  # one episode begins before the others end
             mission.reset([1])
             other.reset([1])
-            model.actor.reset(torch.arange(2 * ENVS).div(2, rounding_mode="floor") == 1)
+            model.reset(torch.arange(2 * ENVS).div(2, rounding_mode="floor") == 1)
             kept[2:4] = 0.0
         rows = team.observations().flatten(0, 1)
-        wanted = model.actor(TensorDict({"policy": rows}, [2 * ENVS])).detach().clamp(-1, 1)
+        wanted = model(TensorDict({"policy": rows}, [2 * ENVS])).detach().clamp(-1, 1)
         named = {"obs": rows.numpy(), "memory": kept.numpy()}
         by_runtime = torch.from_numpy(session.run(None, named)[0])
         by_script, kept = script(rows, kept)
@@ -66,7 +87,7 @@ def test_it_acts_as_in_training_over_episodes_and_so_do_its_files(recurrent):
         moved = moved.maximum((fresh - wanted).abs().max())
         over = mission.step({"usv": wanted.view(ENVS, 2, -1)}).over
         other.step({"usv": wanted.view(ENVS, 2, -1)})
-        model.actor.reset(over.repeat_interleave(2).long())
+        model.reset(over.repeat_interleave(2).long())
         kept[over.repeat_interleave(2)] = 0.0
         begun += int(over.sum())
     assert begun >= ENVS and moved > 1e-3  # episodes began; what was kept matters

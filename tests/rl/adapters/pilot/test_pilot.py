@@ -17,8 +17,6 @@ import torch
 from command_line import ROOT
 from phases import check_followed
 from pilot_peer import FRAME, GUIDED, HOLD, MANUAL, NO_AXIS, PARAMETERS, Copter, Flotilla, kinds
-from rsl_rl.models import MLPModel
-from tensordict import TensorDict
 
 from rl.adapters.pilot.ais import Heard, Teller
 from rl.adapters.pilot.autopilot_link import Attitude, Fix, Link
@@ -27,7 +25,8 @@ from rl.adapters.pilot.companion import LOST, STALE, Companion
 from rl.adapters.pilot.connections import Address, Wire, check_different, read_address
 from rl.adapters.pilot.laid_course import LaidCourse, quaternion
 from rl.adapters.pilot.set_points import Sticks, orders_of
-from rl.learn.policy import OBS_GROUPS, ClassicalPolicy, actor_config, write_checkpoint
+from rl.learn.actor import Actor
+from rl.learn.policy import ClassicalPolicy, write_checkpoint
 from rl.missions import load_scenario
 from rl.missions.encounter.mission import Encounter
 from rl.missions.formation.mission import Formation
@@ -523,10 +522,7 @@ def otters(sticks, tmp_path_factory) -> Path:
     out, source = tmp_path_factory.mktemp("runs") / "otters", find_config("cruise")
     config, team = load_scenario(source), sticks.mission.teams["usv"]
     folder.create(out, config, source)
-    options = actor_config(config.stages["usv"])
-    options.pop("class_name")
-    example = TensorDict({"policy": torch.zeros(1, len(team.observation_names))}, batch_size=[1])
-    actor = MLPModel(example, OBS_GROUPS, "actor", len(team.action_names), **options)
+    actor = Actor(config.stages["usv"], len(team.observation_names), len(team.action_names))
     infos = {"observations": list(team.observation_names), "actions": list(team.action_names)}
     (out / "usv").mkdir()
     write_checkpoint({"actor_state_dict": actor.state_dict(), "iter": 1, "infos": infos}, out / "usv" / "model_1.pt")
