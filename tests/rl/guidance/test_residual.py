@@ -6,9 +6,11 @@ from small_missions import begin, make, wander
 from torch import Tensor
 
 from rl.guidance.observations import CHANGE_SCALE
+from rl.learn.actor import Actor
 from rl.learn.policy import CheckpointError, ClassicalPolicy, TrainedPolicy
 from rl.missions.formation.team import TeamTask
 from rl.perception.sensors import Obstacle
+from rl.scenario import StageConfig
 from taichi_sim.config import ConfigError
 
 MOST = 2.0  # m/s
@@ -87,16 +89,9 @@ def test_a_corrected_velocity_is_flown(team):
 def test_its_policy_is_another_than_one_that_acts_alone():
     task = corrected()
     names = {"observations": task.teams["usv"].observation_names, "actions": ("acceleration", "yaw")}
-
-    class Actor:
-        def eval(self):
-            return self
-
-        def requires_grad_(self, wanted):
-            return self
-
+    actor = Actor(StageConfig(team="usv"), len(names["observations"]), 2)
     with pytest.raises(CheckpointError, match="correction"):
-        TrainedPolicy(Actor(), names, "model_1.pt").check(task.teams["usv"])
+        TrainedPolicy(actor, names, "model_1.pt").check(task.teams["usv"])
 
 
 def test_what_has_no_classical_controller_cannot_be_corrected(monkeypatch):
