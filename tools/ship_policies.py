@@ -3,6 +3,7 @@ were trained, what they observe, their sums, and their figures on the scenario's
 
 python tools/ship_policies.py RUN                ships the policies of a run; RUN RUN: of each, a later one counts
 python tools/ship_policies.py --remake           trains all shipped policies anew, by their own commands, and ships them
+python tools/ship_policies.py --figures          judges what is shipped anew, after a change of episodes
 """
 
 import argparse
@@ -24,6 +25,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("runs", nargs="*", type=Path, metavar="RUN", help="finished run folders of rl/train.py")
     p.add_argument("--name", default=None, help="scenario whose policies they become (default: that of the first run)")
     p.add_argument("--remake", action="store_true", help="train anew what is shipped (with --name: of that scenario)")
+    p.add_argument("--figures", action="store_true", help="judge anew what is shipped (with --name: of that scenario)")
     p.add_argument("--into", type=Path, default=None, metavar="FOLDER", help="default: configs/policies")
     shared.add_common(p)
     return p
@@ -34,19 +36,22 @@ def main(argv: list[str] | None = None) -> None:
     args = parser().parse_intermixed_args(argv)
     from rl.commands import shared
     from rl.learn.policy_sources import ABOUT, shipped_folder
-    from rl.runs.folder import RunError, load_config
+    from rl.runs.folder import RunError, load_config, read_json
 
-    if bool(args.runs) == args.remake:
-        raise RunError("give run folders, or --remake, not both")
+    if bool(args.runs) + args.remake + args.figures != 1:
+        raise RunError("give run folders, --remake or --figures, one of them")
     place = args.into or shipped_folder()
     shared.start(args)
-    if not args.remake:
+    if args.runs:
         names = list(dict.fromkeys(load_config(run)[0].name for run in args.runs))
         if len(names) > 1 and args.name is None:
             raise RunError(f"the runs are of {' and '.join(names)}: ship one scenario at a time, or give --name")
         print(ship(args.runs, args.name or names[0], place, args))
         return
     for about in sorted(place.glob(f"{args.name or '*'}/{ABOUT}")):
+        if args.figures:
+            print(judge(about.parent.name, place, read_json(about, dict[str, Any])["teams"], args))
+            continue
         with tempfile.TemporaryDirectory() as folder:
             print(ship(train(about, Path(folder)), about.parent.name, place, args))
 
@@ -66,15 +71,13 @@ def train(about: Path, folder: Path) -> list[Path]:
 
 def ship(runs: list[Path], name: str, place: Path, args: argparse.Namespace) -> Path:
     """Export the policies of runs into `place`/`name`, judge them there, and write policies.json; return that file."""
-    from rl.evaluation.episodes import judge_episodes
     from rl.learn.export import export_onnx
     from rl.learn.policy import load_policy
-    from rl.learn.policy_sources import ABOUT, SUFFIX, hashed, read_onnx
+    from rl.learn.policy_sources import ABOUT, SUFFIX, hashed
     from rl.missions import load_scenario
-    from rl.runs.folder import META, load_config, read_json, write_json
-    from taichi_sim.config.io import find_config
+    from rl.runs.folder import META, load_config, read_json
 
-    config, source = load_scenario(name, args.overrides), find_config(name)
+    config = load_scenario(name, args.overrides)
     teams: dict[str, Any] = {}
     for run in runs:
         own, meta = load_config(run)[0], read_json(run / META, dict[str, Any])
@@ -85,6 +88,18 @@ def ship(runs: list[Path], name: str, place: Path, args: argparse.Namespace) -> 
             teams[team] = made | {"sha256": hashed(file), "bytes": file.stat().st_size} | dict(policy.signature)
         for team in own.given:  # which are of the package already
             teams[team] = read_json(place / name / ABOUT, dict[str, Any])["teams"][team]
+    return judge(name, place, teams, args)
+
+
+def judge(name: str, place: Path, teams: dict[str, Any], args: argparse.Namespace) -> Path:
+    """Judge the policies in `place`/`name` on held-out episodes, and write policies.json with `teams`; return it."""
+    from rl.evaluation.episodes import judge_episodes
+    from rl.learn.policy_sources import ABOUT, SUFFIX, read_onnx
+    from rl.missions import load_scenario
+    from rl.runs.folder import write_json
+    from taichi_sim.config.io import find_config
+
+    config, source = load_scenario(name, args.overrides), find_config(name)
     policies = {team: read_onnx(place / name / f"{team}{SUFFIX}") for team in teams}
     result = judge_episodes(
         config, policies, episodes=config.evaluation.episodes, seed=config.evaluation.seed, source=source,
