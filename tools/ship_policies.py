@@ -48,7 +48,11 @@ def main(argv: list[str] | None = None) -> None:
             raise RunError(f"the runs are of {' and '.join(names)}: ship one scenario at a time, or give --name")
         print(ship(args.runs, args.name or names[0], place, args))
         return
-    for about in sorted(place.glob(f"{args.name or '*'}/{ABOUT}")):
+    shipped = sorted(place.glob(f"{args.name or '*'}/{ABOUT}"))
+    if not shipped or (args.figures and args.overrides):
+        raise RunError(f"{place}: no policies of {args.name or 'any scenario'}" if not shipped else
+                       "--figures judges the scenario as it is: leave out --set")  # fmt: skip
+    for about in shipped:
         if args.figures:
             print(judge(about.parent.name, place, read_json(about, dict[str, Any])["teams"], args))
             continue

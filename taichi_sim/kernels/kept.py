@@ -222,8 +222,8 @@ class _Walk:
 
     def take(self, value: object) -> None:
         """Take a value, and all that is reached from it."""
-        if isinstance(value, str) and os.path.isabs(value):  # a run's copy of a file is the same vehicle
-            self._note("path", os.path.basename(value))
+        if isinstance(value, str) and os.path.isabs(value) and os.path.isfile(value):  # a run has a copy of its own
+            self._note("file", os.path.basename(value), hashlib.sha256(Path(value).read_bytes()).hexdigest())
         elif value is None or isinstance(value, bool | int | float | complex | str | bytes | range | slice):
             self._note(type(value).__name__, repr(value))
         elif isinstance(value, torch.dtype | torch.device | np.dtype) or hasattr(type(value), "__members__"):

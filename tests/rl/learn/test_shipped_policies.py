@@ -53,6 +53,7 @@ def test_a_file_that_is_not_the_shipped_one_is_refused(shipped, here):
 
 def test_what_cannot_be_shipped_is_refused(here, tmp_path):
     here("tools.ship_policies").fails("run folders, --remake or --figures")
+    here("tools.ship_policies", "--figures", "--name", "nowhere", "--into", tmp_path).fails("no policies of nowhere")
     here("tools.ship_policies", tmp_path).fails("not a run folder")
     assert not list(tmp_path.iterdir())
 

@@ -175,6 +175,9 @@ def test_a_runs_copy_of_a_vehicle_has_its_digest(tmp_path):
     models[1].radiation.diffraction.resampled *= 1 + 1e-15
     one, other = (kept.digest(model._step._primal, (model,), ()) for model in models)
     assert one and one == other
+    for file in tmp_path.iterdir():
+        file.write_bytes(file.read_bytes() + b"\n")
+    assert kept.digest(models[1]._step._primal, (models[1],), ()) != one  # by its content, not its name
 
 
 def test_no_digest_where_code_is_not_known(drawing, monkeypatch):
