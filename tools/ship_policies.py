@@ -37,10 +37,16 @@ def main(argv: list[str] | None = None) -> None:
     from rl.commands import shared
     from rl.learn.policy_sources import ABOUT, shipped_folder
     from rl.runs.folder import RunError, load_config, read_json
+    from taichi_sim.errors import refuse
 
-    if bool(args.runs) + args.remake + args.figures != 1:
-        raise RunError("give run folders, --remake or --figures, one of them")
     place = args.into or shipped_folder()
+    shipped = sorted(place.glob(f"{args.name or '*'}/{ABOUT}"))
+    refuse(
+        RunError,
+        (bool(args.runs) + args.remake + args.figures != 1, "give run folders, --remake or --figures, one of them"),
+        (not args.runs and not shipped, f"{place}: no policies of {args.name or 'any scenario'}"),
+        (args.figures and args.overrides, "--figures judges the scenario as it is: leave out --set"),
+    )
     shared.start(args)
     if args.runs:
         names = list(dict.fromkeys(load_config(run)[0].name for run in args.runs))
@@ -48,10 +54,6 @@ def main(argv: list[str] | None = None) -> None:
             raise RunError(f"the runs are of {' and '.join(names)}: ship one scenario at a time, or give --name")
         print(ship(args.runs, args.name or names[0], place, args))
         return
-    shipped = sorted(place.glob(f"{args.name or '*'}/{ABOUT}"))
-    if not shipped or (args.figures and args.overrides):
-        raise RunError(f"{place}: no policies of {args.name or 'any scenario'}" if not shipped else
-                       "--figures judges the scenario as it is: leave out --set")  # fmt: skip
     for about in shipped:
         if args.figures:
             print(judge(about.parent.name, place, read_json(about, dict[str, Any])["teams"], args))
